@@ -4,6 +4,7 @@
 //! relative to the folder of the configuration file. What values may be stands in `config/checks.rs`.
 
 mod checks;
+pub mod sensor_limits;
 
 use std::path::{Path, PathBuf};
 

@@ -29,9 +29,9 @@ use monitor::{Frame, Monitor, SentCommand};
 use proto::recording::TickRecord;
 use proto::wire::{Mode, Sense};
 use safety_filter::{SafetyFilter, SlewLimit};
-use supervisor::transition::Acknowledgement;
 use supervisor::{
-    Action, Actuation, Arming, Condition, ConditionSet, Inputs, Integration, Memory, Request, State, Tick, next,
+    Acknowledgement, Action, Actuation, Arming, Condition, ConditionSet, Inputs, Integration, Memory, Request, State,
+    Tick, next,
 };
 
 use filtering::FilterWatch;
@@ -42,6 +42,7 @@ use crate::cycle::duty_source::{
 };
 use crate::cycle::running_source::RunningSource;
 use crate::cycle::sensing::Sensing;
+use crate::operator::latched_conditions::LatchedConditions;
 use crate::operator::notice::Notice;
 
 /// Frames that may be missing in a row before the rig is vented; the plan is followed meanwhile.
@@ -326,6 +327,7 @@ impl<H: DutySource> Cycle<H> {
         let arming = self.watch_as_steered();
         let inputs = Inputs { tick, conditions: &self.conditions, request: self.request.take(), arming };
         let (after, action) = next(&self.memory, &inputs);
+        let waited = LatchedConditions::from(&self.memory.latched);
         self.memory = after;
         self.action = Some(action);
         self.renew_session = action.renew_session;
@@ -339,7 +341,9 @@ impl<H: DutySource> Cycle<H> {
             Acknowledgement::None => {}
             Acknowledgement::Cleared => tell(Notice::Acknowledged { tick: self.tick }),
             Acknowledgement::StillHolds(condition) => {
-                tell(Notice::StillHolds { condition, tick: self.tick, value: self.conditions.value(condition) });
+                let released = waited.without((&after.latched).into());
+                let value = self.conditions.value(condition);
+                tell(Notice::StillHolds { condition, tick: self.tick, value, released });
             }
         }
         self.remind(tell);

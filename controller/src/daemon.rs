@@ -11,6 +11,7 @@ use policy::{Policy, PolicySignature};
 use proto::recording::Attachment;
 use proto::reference::Reference;
 
+use crate::config::sensor_limits::{LimitBeyondSensor, limits_within_ranges};
 use crate::config::{Config, DEFAULT_POLICY, FALLBACK, ReferenceChoice};
 use crate::cycle::Cycle;
 use crate::operator::notice::sentence;
@@ -38,6 +39,9 @@ pub enum DaemonError {
         /// Why.
         problem: model::rig::RigError,
     },
+    /// A limit of the configuration lies beyond what the rig's sensor shows.
+    #[error(transparent)]
+    Limits(#[from] LimitBeyondSensor),
     /// The reference cannot be read.
     #[error(transparent)]
     Reference(#[from] proto::reference::ReferenceError),
@@ -101,6 +105,7 @@ pub fn contracts() -> [PolicySignature; 2] {
 pub fn load(config: &Config) -> Result<Loaded, DaemonError> {
     let mut remarks = Vec::new();
     let rig = proto::emulator::load_for_loop(&config.rig.file, None)?;
+    limits_within_ranges(config.safety, &rig, &config.rig.file)?;
     let (reference, reference_name) = configured_reference(&config.reference)?;
     if config.reference.file.is_none() {
         remarks.push("no reference file: following the paper's reference (set reference.file for another)".to_owned());

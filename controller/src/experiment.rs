@@ -22,6 +22,7 @@ use flight::{Recorded, RecordingSummary};
 use model::rig::Rig;
 use proto::recording::PERIOD_S;
 
+use crate::config::sensor_limits::{LimitBeyondSensor, limits_within_ranges};
 use crate::config::{Config, Safety};
 use crate::cycle::Cycle;
 use crate::experiment::command_sequence::{CommandSequence, CommandSequenceError};
@@ -47,6 +48,9 @@ pub enum ExperimentError {
     /// The rig cannot be read.
     #[error(transparent)]
     Rig(#[from] proto::rig_file::RigFileError),
+    /// A limit of the configuration lies beyond what the rig's sensor shows.
+    #[error(transparent)]
+    Limits(#[from] LimitBeyondSensor),
     /// The rig cannot be flown.
     #[error("rig {name}: {problem}")]
     Unflyable {
@@ -109,7 +113,9 @@ impl Experiment {
     /// The first thing that is wrong, or when and how far the model leaves the safety envelope.
     pub fn load(config: &Config, csv: &Path) -> Result<Self, ExperimentError> {
         let sequence = CommandSequence::read(csv)?;
-        Self::check(sequence, proto::rig_file::load(&config.rig.file)?, config.safety)
+        let rig = proto::emulator::load_for_loop(&config.rig.file, Some("rig.file"))?;
+        limits_within_ranges(config.safety, &rig, &config.rig.file)?;
+        Self::check(sequence, rig, config.safety)
     }
 
     /// Checks a sequence on the model's rig: the envelope, and whether a pump that it switches can be switched.

@@ -20,14 +20,15 @@ use model::rig::{Rig, RigError};
 use model::shown_reference::ShownReference;
 use model::steady::SteadyMap;
 use monitor::MonitorModels;
-use proto::emulator::rig_and_crio;
+use proto::emulator::load_for_loop;
 use proto::recording::{TickOrder, attached};
-use proto::reference::Reference;
 use safety_filter::{Envelope, SafetyFilter, SlewLimit};
 
+use crate::config::Safety;
+use crate::config::sensor_limits::limits_within_ranges;
 use crate::cycle::sensing::Sensing;
 use crate::operator::running::ModelIdentity;
-use crate::reach::{Reach, beyond_reach};
+use crate::reach::ModelReach;
 use crate::session::session_recorder::attachment;
 use crate::state::State;
 
@@ -152,11 +153,7 @@ pub struct ModelInForce {
 /// The model in force, and the one before it, to which an operator may always go back.
 struct Models {
     rig: Rig,
-    map: Arc<SteadyMap>,
-    /// Range of what it can hold; `None` where its numbers are none.
-    reach: Option<Reach>,
-    /// Identity of the reference that was asked about last, and the line about it.
-    beyond: Option<(u64, Option<String>)>,
+    reach: Arc<ModelReach>,
     /// The identity under which it was put in; `None` for the one that the daemon began with.
     identity: Option<ModelIdentity>,
     before: Option<Rig>,
@@ -180,9 +177,8 @@ pub fn ends(rig: &Rig, map: Arc<SteadyMap>) -> (ModelTickEnd, ModelDesk) {
         samples: ArrayQueue::new(SAMPLES),
         learns: AtomicBool::new(false),
     });
-    let reach = Reach::of(&map);
-    let models =
-        Arc::new(Mutex::new(Models { rig: rig.clone(), map, reach, beyond: None, identity: None, before: None }));
+    let reach = Arc::new(ModelReach::of(map));
+    let models = Arc::new(Mutex::new(Models { rig: rig.clone(), reach, identity: None, before: None }));
     (ModelTickEnd { shared: Arc::clone(&shared), kept: 0 }, ModelDesk { shared, models, samples: Arc::default() })
 }
 
@@ -244,31 +240,9 @@ impl ModelDesk {
         self.models().identity.clone()
     }
 
-    /// Range of the pressures that the rig can hold, by the model in force.
-    pub fn reach(&self) -> Option<Reach> {
-        self.models().reach
-    }
-
-    /// One line about a reference that asks for more than the rig gives, by the model in force. The last answer is kept: each arming
-    /// asks, and whoever disarms waits behind the thread that answers.
-    ///
-    /// # Real-time
-    /// Up to some tenths of a second where model or reference is another one than the last time; not for the tick.
-    pub fn beyond_reach(&self, reference: &Reference) -> Option<String> {
-        let map = {
-            let models = self.models();
-            if let Some((_, line)) = models.beyond.as_ref().filter(|(asked, _)| *asked == reference.identity()) {
-                return line.clone();
-            }
-            Arc::clone(&models.map)
-        };
-        let line = beyond_reach(&map, reference);
-        let mut models = self.models();
-        // Another model may have come into force meanwhile.
-        if Arc::ptr_eq(&models.map, &map) {
-            models.beyond = Some((reference.identity(), line.clone()));
-        }
-        line
+    /// Reach of the rig by the model in force, and what that says of references.
+    pub fn reach(&self) -> Arc<ModelReach> {
+        Arc::clone(&self.models().reach)
     }
 
     fn models(&self) -> MutexGuard<'_, Models> {
@@ -281,14 +255,14 @@ impl ModelDesk {
     ///
     /// # Errors
     /// Why not, one line; nothing has changed then.
-    pub fn change(&self, file: &Path, permit: &Permit) -> Result<ModelInForce, String> {
+    pub fn change(&self, file: &Path, safety: Safety, permit: &Permit) -> Result<ModelInForce, String> {
         let name = file.display();
-        let loaded = proto::rig_file::load(&file.to_string_lossy()).map_err(|e| e.to_string())?;
+        let loaded = load_for_loop(&file.to_string_lossy(), None).map_err(|e| e.to_string())?;
         let unfit = |problem: RigError| format!("{name}: rig {}: {problem}", loaded.name);
         // What is recorded is what is taken, to the last bit.
         let toml = loaded.to_toml().map_err(unfit)?;
         let rig = Rig::from_toml(&toml).map_err(unfit)?;
-        rig_and_crio(&rig).map_err(unfit)?;
+        limits_within_ranges(safety, &rig, &file.to_string_lossy()).map_err(|e| e.to_string())?;
         let mut samples = self.samples.lock().unwrap_or_else(PoisonError::into_inner);
         let old = self.rig();
         if Sensing::of(&rig).map_err(unfit)? != Sensing::of(&old).map_err(unfit)? {
@@ -315,8 +289,8 @@ impl ModelDesk {
         }
         let new = rig.name.clone();
         let identity = Some(ModelIdentity::of(&rig, &file.to_string_lossy()));
-        let reach = Reach::of(&map);
-        *self.models() = Models { rig, map, reach, beyond: None, identity, before: Some(old) };
+        let reach = Arc::new(ModelReach::of(map));
+        *self.models() = Models { rig, reach, identity, before: Some(old) };
         let again = if is_back { " again" } else { "" };
         let line = told(&new, again, figures.as_ref());
         Ok(ModelInForce { line, toml, followed })

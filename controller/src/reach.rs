@@ -13,6 +13,10 @@ use proto::recording::PERIOD_S;
 use proto::reference::Reference;
 use serde::{Deserialize, Serialize};
 
+mod model_reach;
+
+pub use model_reach::{KnownReach, ModelReach};
+
 /// Between two places of a reference that are looked at, in s.
 const EVERY_S: f64 = 0.25;
 /// Places that are looked at, at most: 7 h, in which a duty is asked of the model in some 25 ms.

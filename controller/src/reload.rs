@@ -10,6 +10,7 @@ use std::sync::mpsc::{Receiver, channel};
 use proto::reference::Reference;
 use proto::rig_file::RigFileError;
 
+use crate::config::sensor_limits::{LimitBeyondSensor, limits_within_ranges};
 use crate::config::{Config, ConfigError, DEFAULT_POLICY, FALLBACK};
 use crate::daemon::configured_reference;
 use crate::operator::reference_limits::examine;
@@ -37,6 +38,9 @@ pub enum ReloadError {
     /// The rig is not.
     #[error(transparent)]
     Rig(#[from] RigFileError),
+    /// A limit lies beyond what the rig's sensor shows.
+    #[error(transparent)]
+    Limits(#[from] LimitBeyondSensor),
     /// The policy is not there.
     #[error("{}: no such policy; put the file there, or set policy.active to another", .file.display())]
     NoPolicy {
@@ -74,7 +78,8 @@ fn read(file: &std::path::Path) -> Result<Reloaded, ReloadError> {
         return Err(ReloadError::Beyond { name: reference_name, why });
     }
     // What only a restart takes over must not keep the daemon from starting then.
-    proto::emulator::load_for_loop(&config.rig.file, None)?;
+    let rig = proto::emulator::load_for_loop(&config.rig.file, None)?;
+    limits_within_ranges(config.safety, &rig, &config.rig.file)?;
     let active = config.policy.active.as_str();
     let file = config.policy.active_file();
     if active != FALLBACK && active != DEFAULT_POLICY && !file.is_file() {
@@ -118,6 +123,22 @@ mod tests {
         std::fs::write(&config_file, text).unwrap();
         let refused = read(&config_file).map(|_| ()).unwrap_err();
         assert!(refused.to_string().contains("integrator.tick_ms: a tick of 40 ms"), "{refused}");
+        [rig_file, config_file].iter().for_each(|file| std::fs::remove_file(file).unwrap());
+    }
+
+    #[test]
+    fn a_limit_beyond_what_its_sensor_shows_is_not_taken_over() {
+        let file = |name: &str| std::env::temp_dir().join(format!("reload-{}-{name}.toml", std::process::id()));
+        let (rig_file, config_file) = (file("short-rig"), file("short-config"));
+        let mut rig = model::rig::Rig::builtin("dual_pressure").unwrap();
+        rig.sensors["sensor_pos"].range_kpa_gauge = [0.0, 110.0];
+        proto::rig_file::save(&rig_file, &rig).unwrap();
+        let text = format!("link.address = \"10.0.0.1:50500\"\nrig.file = \"{}\"\n", rig_file.display());
+        std::fs::write(&config_file, &text).unwrap();
+        let refused = read(&config_file).map(|_| ()).unwrap_err();
+        assert!(refused.to_string().contains("safety.max_pos_kpa = 160 kPa"), "{refused}");
+        std::fs::write(&config_file, text + "safety.max_pos_kpa = 108\n").unwrap();
+        assert!(read(&config_file).is_ok(), "as that says");
         [rig_file, config_file].iter().for_each(|file| std::fs::remove_file(file).unwrap());
     }
 

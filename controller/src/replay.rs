@@ -14,6 +14,7 @@ pub mod run_file;
 
 mod beginning;
 mod comparison;
+pub mod part_order;
 mod replay_error;
 
 use std::collections::VecDeque;
@@ -31,7 +32,7 @@ use crate::experiment::pump_relay::PumpRelay;
 use crate::replay::recorded_orders::RecordedOrders;
 use crate::replay::run_file::{RunFile, attached};
 
-use beginning::{cycle, no_beginning, part};
+use beginning::{cycle, no_beginning};
 use comparison::compare;
 pub use comparison::{Difference, Stage};
 pub use replay_error::ReplayError;
@@ -172,7 +173,7 @@ impl Replay {
                 .last
                 .is_some_and(|(session, number, _)| session == tick.session && number.wrapping_add(1) == tick.tick);
             let first = index == 0;
-            let goes_on = continues || (self.cycle.is_some() && part(run) > 1);
+            let goes_on = continues || (self.cycle.is_some() && run.part() > 1);
             if first {
                 self.check_order(run, tick, goes_on.then_some(self.part))?;
             }
@@ -215,7 +216,7 @@ impl Replay {
         if let Some((_, before)) = self.begun.iter().find(|(begun, _)| *begun == key) {
             return Err(ReplayError::Twice { file, before: before.clone() });
         }
-        let found = part(run);
+        let found = run.part();
         if let Some(before) = before.filter(|before| found > 1 && found != before + 1) {
             return Err(ReplayError::PartMissing { file, found, before });
         }

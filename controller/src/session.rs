@@ -172,6 +172,7 @@ fn show_waiting<H: DutySource>(session: &mut Session<H>) {
         state: memory.state,
         fault: memory.cause,
         latched: memory.latched.worst(supervisor::Severity::Vent),
+        waiting: (&memory.latched).into(),
         session: 0,
         can_arm: false,
         bars_arming: None,

@@ -47,6 +47,9 @@ pub struct FoundParameter {
     /// The end of the range that was searched at which the value stands, if it does: no answer then, only "this or more".
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_end_of_range: Option<RangeEnd>,
+    /// True where the interval is nearly all of the range that was searched: the value is no answer then, the recordings do not tell it.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub undetermined: bool,
 }
 
 /// An end of the range in which a number was searched.
@@ -329,6 +332,7 @@ mod tests {
                     low: 0.028,
                     high: 0.034,
                     at_end_of_range: None,
+                    undetermined: false,
                 },
             )]),
             evidence: FoundEvidence { delta_log_likelihood: 1234.5, held_out_rmse_gain: 0.62 },

@@ -121,3 +121,131 @@ fn compressed_files_are_read_as_what_is_in_them() {
         assert!(said.contains(tool), "{said}");
     }
 }
+
+/// Moments of the two loggers of [`side_by_side`] (s): commands at 50 Hz, pressures at 10 Hz or so.
+fn command_s(k: usize) -> f64 {
+    0.02 * k as f64
+}
+const COMMANDS: usize = 1500;
+
+fn duty(k: usize) -> f64 {
+    0.5 + 0.01 * (k % 7) as f64
+}
+
+/// Two tables of unequal length beside each other: times as `time` writes those of the first (0) and of the second (1), pressures every
+/// `step_s`, in columns of these names.
+fn side_by_side(names: &str, step_s: f64, time: impl Fn(usize, f64) -> String) -> String {
+    let readings = (command_s(COMMANDS) / step_s) as usize;
+    let line = |k: usize| {
+        let commands =
+            if k < COMMANDS { format!("{},{},0.8", time(0, command_s(k)), duty(k)) } else { ",,".to_owned() };
+        let t = step_s * k as f64;
+        let pressures = format!("{},{:.6},{:.6}", time(1, t), pressure(t), -0.1 * pressure(t));
+        format!("{commands},{}\n", if k < readings { pressures } else { ",,".to_owned() })
+    };
+    format!("{names}\n{}", (0..COMMANDS.max(readings)).map(line).collect::<String>())
+}
+
+fn plain(_: usize, time_s: f64) -> String {
+    format!("{time_s:.4}")
+}
+
+/// Paired row by row, a pressure would stand beside the command of another second.
+#[test]
+fn two_clocks_side_by_side_are_brought_together() {
+    let names = "time_s,u_pos,u_neg,t_p,p_pos_kpa,p_neg_kpa";
+    for (name, text, step_s) in [
+        ("called a time", side_by_side(names, 0.1, plain), 0.1),
+        ("called nothing", side_by_side(&names.replace("t_p", "x2"), 0.1, plain), 0.1),
+        ("not much slower", side_by_side(names, 0.024, plain), 0.024),
+        ("hardly slower", side_by_side(names, 0.0203, plain), 0.0203),
+        ("quicker", side_by_side(names, 0.01, plain), 0.01),
+        ("since 1970", side_by_side(names, 0.1, |_, time_s| format!("{:.4}", 1.774e9 + time_s)), 0.1),
+    ] {
+        let of = read(&text).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let told = of.notes().join("\n");
+        assert!(told.contains("2 columns of times (time_s, ") && told.contains("1 of them slower"), "{name}: {told}");
+        assert!(of.time_s().last().unwrap() > &(command_s(COMMANDS) - 0.2), "{name}: {told}");
+        let [u, p] = of.require(["u_pos", "p_pos_kpa"]).unwrap();
+        // Where the last row lacks a reading no line leads to it.
+        for (row, t) in of.time_s().iter().enumerate().take(of.rows() - 1).skip(2) {
+            let k = (t / 0.02).round() as usize;
+            assert!((u[row] - duty(k)).abs() < 0.07, "{name}: {row}");
+            // A reading goes to the nearest row, half a row of 20 ms off at most, where the pressure moves by t kPa/s;
+            // a line between readings 0.1 s apart is off by h²/8.
+            assert!((p[row] - pressure(*t)).abs() < 0.0101 * t + 0.1 * 0.1 / 8.0 + 0.02, "{name}: {row} {}", p[row]);
+        }
+        if step_s == 0.1 {
+            // Every fifth row has a reading of its own moment, to the digit.
+            assert!(of.time_s().iter().zip(p).step_by(5).all(|(t, p)| (p - pressure(*t)).abs() < 1e-5), "{name}");
+            let measured = of.measured().unwrap();
+            assert!(measured.iter().enumerate().all(|(row, read)| *read == row.is_multiple_of(5)), "{name}");
+        }
+    }
+}
+
+#[test]
+fn two_clocks_that_cannot_be_brought_together_are_refused_by_name() {
+    let names = "time_s,u_pos,u_neg,t_p,p_pos_kpa,p_neg_kpa";
+    let in_ms = |of: usize, time_s: f64| if of == 0 { plain(0, time_s) } else { format!("{:.1}", 1e3 * time_s) };
+    let later = |of: usize, time_s: f64| plain(0, if of == 0 { time_s } else { 500.0 + time_s });
+    let dated = |of: usize, time_s: f64| {
+        if of == 0 { plain(0, time_s) } else { format!("2026-03-04 10:00:{time_s:06.3}") }
+    };
+    for (name, text, column) in [
+        ("ms", side_by_side(names, 0.1, in_ms), "column 4 (t_p)"),
+        ("later", side_by_side(names, 0.1, later), "column 4 (t_p)"),
+        ("dates", side_by_side(names, 0.1, dated), "column 4 (t_p)"),
+    ] {
+        let said = read(&text).map(|of| of.notes().to_vec()).unwrap_err().to_string();
+        assert!(said.contains(column) && said.contains("second clock"), "{name}: {said}");
+        assert!(said.contains("fill 300 rows") && said.contains("make a file of each clock"), "{name}: {said}");
+    }
+    // Values to the left of their clock.
+    let turned: String = side_by_side(names, 0.1, plain)
+        .lines()
+        .map(|line| {
+            let cells: Vec<&str> = line.split(',').collect();
+            format!("{},{},{},{},{},{}\n", cells[0], cells[1], cells[2], cells[4], cells[5], cells[3])
+        })
+        .collect();
+    let said = read(turned).map(|of| of.notes().to_vec()).unwrap_err().to_string();
+    assert!(said.contains("column 6 (t_p)") && said.contains("to the right of it"), "{said}");
+}
+
+/// A counter, a second time in another unit and a sensor's own stamp go on with the rows: they are no clock of other rows, also where the
+/// sensor came off before the end.
+#[test]
+fn what_goes_on_with_the_rows_is_no_second_clock() {
+    let beside = |name: &str, of: &dyn Fn(usize) -> String, until: usize| {
+        let line = |k: usize| {
+            let t = command_s(k);
+            let sensor = if k < until {
+                format!("{},{:.6},{:.6}", of(k), pressure(t), -0.1 * pressure(t))
+            } else {
+                ",,".to_owned()
+            };
+            format!("{t:.2},{},0.8,{sensor}\n", duty(k))
+        };
+        let rows: String = (0..COMMANDS).map(line).collect();
+        read(format!("time_s,u_pos,u_neg,{name},p_pos_kpa,p_neg_kpa\n{rows}")).unwrap()
+    };
+    let stamped = |k: usize| format!("{:.4}", command_s(k) + 0.003 + 0.004 * (k % 5) as f64 / 5.0);
+    let columns: [(&str, &dyn Fn(usize) -> String); 7] = [
+        ("tick", &|k| k.to_string()),
+        ("time_tick", &|k| (2 * k).to_string()),
+        ("t_ms", &|k| (20 * k).to_string()),
+        ("time_min", &|k| format!("{:.7}", command_s(k) / 60.0)),
+        ("t_p", &stamped),
+        ("stamp_ns", &|k| (1_774_000_000_000_000_000 + 20_000_000 * k as u64).to_string()),
+        ("t_amb", &|k| format!("{:.3}", 21.0 + 0.01 * (0.01 * k as f64).sin())),
+    ];
+    for (name, of) in columns {
+        for until in [COMMANDS, 1450, 1000] {
+            let read = beside(name, of, until);
+            let told = read.notes().join("\n");
+            assert!(!told.contains("columns of times"), "{name} until {until}: {told}");
+            assert!((read.column("p_pos_kpa").unwrap()[700] - pressure(command_s(700))).abs() < 1e-5, "{name} {until}");
+        }
+    }
+}

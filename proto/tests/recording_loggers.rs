@@ -382,7 +382,21 @@ fn bars_names_in_another_case_and_units_in_every_cell_are_read() {
     }
     // Units that change from row to row cannot be one column's.
     let mixed = with_units(",", ".", " ", [1.0, 1.0], ["kPa", "kPa"]).replacen("kPa", "Pa", 3);
-    assert!(refused(mixed, &paper()).contains("p_pos_kpa"));
+    let said = refused(mixed, &paper());
+    assert!(said.contains("line 4, column 4 (p_pos_kpa): units change in this line (Pa, kPa)"), "{said}");
+    let bare = with_units(",", ".", " ", [1.0, 1.0], ["kPa", "kPa"]).replacen(" kPa", "", 3);
+    assert!(refused(bare, &paper()).contains("p_pos_kpa"));
+    // Of cells with units the one that is none is named, and one without a reading is one reading.
+    let with = |cell: &str| {
+        let text = with_units(",", ".", " ", [1.0, 1.0], ["kPa", "kPa"]);
+        let line = text.lines().nth(30).unwrap();
+        let cells: Vec<&str> = line.split(',').collect();
+        text.replace(line, &line.replace(cells[3], cell))
+    };
+    assert!(refused(with("89.O12 kPa"), &paper()).contains("line 31, column 4 (p_pos_kpa): \"89.O12 kPa\""));
+    let lacking = read(with("NaN"), &paper()).unwrap();
+    assert_eq!(lacking.rows(), ROWS);
+    assert!(lacking.notes().join(" ").contains("line 31"), "{:?}", lacking.notes());
 }
 
 #[test]

@@ -191,3 +191,59 @@ fn labview_channels_with_rates_of_their_own_are_brought_together() {
     }
     assert!(of.notes().join("\n").contains("4 columns of times, 2 of them slower"), "{:?}", of.notes());
 }
+
+/// A LabVIEW file of two segments that began at these clocks, with times of their own or with a first time and a step alone; the rows of
+/// the second are those of a file that goes on.
+fn segments(columns: &str, clocks: [&str; 2]) -> String {
+    let mut text = format!("LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\t{columns}\n***End_of_Header***\t\n\t\n");
+    for (segment, clock) in clocks.into_iter().enumerate() {
+        let (date, time) = clock.split_once(' ').unwrap();
+        text += &format!(
+            "Channels\t4\nDate\t{date}\nTime\t{time}\nY_Unit_Label\t-\t-\tkPa\tkPa\nX0\t0.0\nDelta_X\t0.02\n\
+             ***End_of_Header***\t\nX_Value\tu_pos\tu_neg\tp_pos_kpa\tp_neg_kpa\tComment\n"
+        );
+        for k in 0..ROWS {
+            let time = if columns == "One" { format!("{:.2}", 0.02 * k as f64) } else { String::new() };
+            text += &format!("{time}\t{}\n", numbers(segment * ROWS + k).join("\t"));
+        }
+    }
+    text
+}
+
+/// Heads say when a program began to write, which may well be an hour later to the second: an hour between them is an hour.
+#[test]
+fn labview_segments_an_hour_apart_are_an_hour_apart() {
+    for columns in ["One", "No"] {
+        for (clock, apart_s) in [("11:00:00.0", 3600.0), ("10:59:59.3", 3599.3), ("11:00:07.0", 3607.0)] {
+            let of = read(&segments(columns, ["2026/03/04 10:00:00.0", &format!("2026/03/04 {clock}")])).unwrap();
+            assert_eq!((of.rows(), of.segments().len()), (2 * ROWS, 2), "{columns} {clock}: {:?}", of.notes());
+            // The second segment may stand up to 1 ms beside its clock, on the grid of the rows.
+            let found = of.time_s()[ROWS] - of.time_s()[0];
+            assert!((found - apart_s).abs() < 2e-3, "{columns} {clock}: {found}");
+            assert_eq!(of.column("p_pos_kpa").unwrap()[ROWS], numbers(ROWS)[2].parse::<f64>().unwrap());
+        }
+        // At the end of summer time the clock of a segment that began behind the other is before it.
+        let said =
+            read(&segments(columns, ["2026/10/25 02:59:30.0", "2026/10/25 02:00:10.0"])).unwrap_err().to_string();
+        assert!(
+            said.contains("set back") && said.contains("summer time") && said.contains("2026/10/25 02:00:10.0"),
+            "{said}"
+        );
+        assert!(said.contains("line 81") && said.contains("make a file of each"), "{columns}: {said}");
+        assert!(!said.contains("period_ms"), "rows would be one run by it: {said}");
+    }
+}
+
+/// Numbers under the names and units of the first head would be those of other columns.
+#[test]
+fn a_labview_segment_of_other_channels_is_refused() {
+    let text = segments("One", ["2026/03/04 10:00:00.0", "2026/03/04 11:00:00.0"]);
+    for (from, to, words) in [
+        ("u_pos\tu_neg", "u_neg\tu_pos", "u_neg,u_pos where the first has u_pos,u_neg"),
+        ("kPa\tkPa", "mbar\tkPa", "mbar where the first has kPa"),
+    ] {
+        let (first, second) = text.split_at(text.rfind("Channels").unwrap());
+        let said = read(&format!("{first}{}", second.replace(from, to))).unwrap_err().to_string();
+        assert!(said.contains("line 81: another header") && said.contains(words), "{said}");
+    }
+}

@@ -3,8 +3,11 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "the helpers of a test fail by panicking, as the test does")]
 
+mod recorded;
+
 use model::rig::Rig;
-use proto::recording::Recording;
+use proto::recording::{Recording, TickRecord};
+use recorded::{Folder, run, write};
 
 const ROWS: usize = 700;
 
@@ -78,6 +81,60 @@ fn a_held_sensor_is_read_where_its_number_changes() {
     let missing = of.missing("p_pos_kpa").unwrap();
     assert!((0..of.rows()).all(|row| missing[row] != row.is_multiple_of(5)), "{:?}", of.notes());
     assert!((of.sampling_s() - 0.1).abs() < 1e-9);
+}
+
+/// A recording of the daemon with a cRIO that holds readings counts them once, as any other file does.
+#[test]
+fn a_daemon_records_held_readings_and_they_count_once() {
+    let folder = Folder::new("held");
+    let path = folder.join("run.mcap");
+    let ticks = |every: [usize; 2]| -> Vec<TickRecord> {
+        let held = |k: usize, of: usize| pressures(k / every[of] * every[of])[of];
+        let of = |(k, tick): (usize, TickRecord)| TickRecord {
+            p_pos_kpa: held(k, 0),
+            p_neg_kpa: held(k, 1),
+            u_pos: duty(k),
+            u_neg: 0.8,
+            ..tick
+        };
+        run(ROWS as u32).into_iter().enumerate().map(of).collect()
+    };
+    let rig = Rig::builtin("dual_pressure").unwrap();
+    let read = |ticks: &[TickRecord]| {
+        let _ = std::fs::remove_file(&path);
+        write(&path, ticks, 50);
+        Recording::read_for(&path, &rig).unwrap()
+    };
+    for every in [[5, 1], [10, 7], [4, 2], [5, 5]] {
+        let of = read(&ticks(every));
+        assert_own_rows(&of, 0, |k| every.map(|every| k.is_multiple_of(every)));
+        let slowest = every[0].max(every[1]);
+        assert!((of.sampling_s() - 0.02 * slowest as f64).abs() < 1e-9, "{every:?}: {}", of.sampling_s());
+        let notes = of.notes().join("\n");
+        assert!(notes.contains("counts as one") || notes.contains("only the first of each"), "{notes}");
+        // What nobody asked for goes with its rows.
+        assert_eq!(of.column("mode").unwrap(), vec![1.0; ROWS]);
+    }
+    // Behind a gap each sensor begins again.
+    let parted = |every: [usize; 2]| {
+        let mut ticks = ticks(every);
+        ticks.drain(303..341);
+        read(&ticks)
+    };
+    let of = parted([5, 1]);
+    // What stands in its first rows was read in the gap.
+    assert_eq!(of.segments(), &[0..303, 303..303 + ROWS - 345][..], "{:?}", of.notes());
+    // Sensors that are read together keep these rows, as rows without a reading.
+    let of = parted([5, 5]);
+    let read_in: Vec<usize> = (0..of.rows()).filter(|row| of.measured().unwrap()[*row]).collect();
+    let fives = (0..303).step_by(5).chain((345..ROWS).step_by(5).map(|k| k - 38));
+    assert_eq!(read_in, fives.collect::<Vec<_>>(), "{:?}", of.notes());
+    // So does a file that begins inside a reading.
+    assert_own_rows(&read(&ticks([5, 5])[3..]), 3, |k| [k.is_multiple_of(5); 2]);
+    // A rig that reads in every row is as it was.
+    let of = read(&ticks([1, 1]));
+    assert_eq!((of.measured(), of.missing("p_pos_kpa"), of.rows()), (None, None, ROWS));
+    assert_eq!(of.notes(), Recording::read(&path).unwrap().notes());
 }
 
 #[test]

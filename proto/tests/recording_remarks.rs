@@ -1,6 +1,6 @@
 //! What people write into a recording beside its numbers: a note changes no number around it, and is told.
 
-#![allow(clippy::unwrap_used)] // what fails here fails the test
+#![allow(clippy::unwrap_used, clippy::panic)] // what fails here fails the test
 
 use model::rig::Rig;
 use proto::recording::Recording;
@@ -137,5 +137,62 @@ fn dates_with_months_by_name_and_clocks_set_by_half_an_hour_are_read() {
         });
         assert_whole(&set);
         assert_eq!(set.segments().len(), 1, "{date}");
+    }
+}
+
+const NAMES: &str = "time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa";
+
+/// A file to which a second session was appended: this head, 40 s later the rows of the other half.
+fn appended(first: &str, second: &str) -> Result<Recording, String> {
+    let rows = |from: usize, to: usize, later_s: f64| -> String {
+        let late = |k: usize| {
+            let line = row(k);
+            let (time, rest) = line.split_once(',').unwrap();
+            format!("{:.2},{rest}\n", time.parse::<f64>().unwrap() + later_s)
+        };
+        (from..to).map(late).collect()
+    };
+    let text = format!("{first}\n{}{second}\n{}", rows(0, AT, 0.0), rows(AT, ROWS, 40.0));
+    let rig = Rig::builtin("dual_pressure").unwrap();
+    Recording::parse_for("run.csv", text.as_bytes(), &rig).map_err(|e| e.to_string())
+}
+
+#[test]
+fn a_head_that_stands_again_is_passed_over_with_its_units() {
+    for head in [
+        NAMES.to_owned(),
+        format!("{NAMES}\ns,-,-,kPa,kPa"),
+        format!("{NAMES}\n,%,%,kPa,kPa"),
+        format!("# logger\n{NAMES}\ns,-,-,kPa,kPa"),
+        format!("Logger 3.2,,,,\n{NAMES}\ns,-,-,kPa,kPa\nraw,raw,raw,mean,mean"),
+        format!("# {NAMES}"),
+    ] {
+        let of = appended(&head, &head).unwrap_or_else(|said| panic!("{head}: {said}"));
+        assert_eq!((of.rows(), of.segments().len()), (ROWS, 2), "{head}: {:?}", of.notes());
+        // The hole is that of the times, and no number is another's.
+        assert!((of.time_s()[AT] - of.time_s()[AT - 1] - 40.02).abs() < 1e-6, "{head}");
+        for (name, of_row, line) in [("p_pos_kpa", AT, 20.0 + 0.1 * AT as f64), ("p_neg_kpa", ROWS - 1, -0.1 * 399.0)] {
+            assert!((of.column(name).unwrap()[of_row] - line).abs() < 1e-9, "{head}");
+        }
+    }
+}
+
+#[test]
+fn a_head_of_another_kind_is_refused_with_what_differs() {
+    let with_units = format!("{NAMES}\ns,-,-,kPa,kPa");
+    let swapped = NAMES.replace("u_pos,u_neg", "u_neg,u_pos");
+    let in_brackets = |unit: &str| NAMES.replace("p_pos_kpa", &format!("p_pos_kpa [{unit}]"));
+    let order = "u_neg,u_pos where the first has u_pos,u_neg";
+    for (first, second, line, words) in [
+        (NAMES.to_owned(), swapped.clone(), AT + 2, order),
+        (format!("# {NAMES}"), format!("# {swapped}"), AT + 2, order),
+        (in_brackets("kPa"), in_brackets("mbar"), AT + 2, "p_pos_kpa [mbar] where the first has p_pos_kpa [kPa]"),
+        (with_units.clone(), with_units.replace("kPa,kPa", "mbar,kPa"), AT + 4, "mbar where the first has kPa"),
+        (NAMES.to_owned(), format!("{NAMES},note"), AT + 2, "note where the first has"),
+    ] {
+        let said = appended(&first, &second).unwrap_err();
+        let place = format!("line {line}: another header begins here");
+        assert!(said.contains(&place) && said.contains(words), "{second}: {said}");
+        assert!(said.contains("make a file of each") && !said.contains("period_ms"), "{said}");
     }
 }

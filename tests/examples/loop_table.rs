@@ -12,10 +12,10 @@ use std::time::{Duration, Instant};
 
 use environment::closed_loop::{Controller, FlightPlan, fly_plant};
 use environment::{Score, fly};
-use evaluate::comparison::sensors_are_late;
 use evaluate::{Dob, Mpc, OptimalOpenLoop, RepeatedFallback, TickTimes};
 use law::{Fallback, FallbackSettings};
 use model::rig::Rig;
+use model::shown_reference::ShownReference;
 use model::steady::SteadyMap;
 use proto::emulator::Sensors;
 use proto::reference::Reference;
@@ -78,7 +78,7 @@ fn flown<C: Controller>(
             let plan = FlightPlan {
                 // The cRIO's sensors are the paper's on all of these rigs.
                 rig: &nominal,
-                model: sensors_are_late(told).then_some(told),
+                model: ShownReference::of(told).is_late().then_some(told),
                 reference: &Reference::paper(),
                 seconds: SECONDS,
                 noise_v_rms: Sensors::ADC_NOISE_V_RMS,

@@ -50,7 +50,7 @@ fn the_monitor_takes_over_the_model_that_is_put_in() {
     largest_sums(&mut flight, 300);
     let before = largest_sums(&mut flight, PERIOD);
     let desk = flight.cycle.duty_source().tracking().models();
-    let changing = std::thread::spawn(move || desk.change(&file, &Permit::unlimited()));
+    let changing = std::thread::spawn(move || desk.change(&file, Safety::default(), &Permit::unlimited()));
     while !changing.is_finished() {
         flight.step();
     }
@@ -85,7 +85,7 @@ fn another_model_makes_no_bump() {
         let held = flown.split_off(1000);
         let desk = flight.cycle.duty_source().tracking().models();
         let file = file.clone();
-        let changing = std::thread::spawn(move || desk.change(&file, &Permit::unlimited()));
+        let changing = std::thread::spawn(move || desk.change(&file, Safety::default(), &Permit::unlimited()));
         let mut after = held.clone();
         while !changing.is_finished() {
             after.push(step(&mut flight));

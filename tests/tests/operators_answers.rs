@@ -7,8 +7,11 @@ use std::cell::Cell;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
+use controller::reach::beyond_reach;
 use controller::state::State;
-use proto::wire::{Mode, Sense};
+use model::steady::SteadyMap;
+use proto::reference::Reference;
+use proto::wire::{Mode, Sense, TripBits};
 use tests::Stream::{Err, Out};
 use tests::coarse_rigs::coarse;
 use tests::laboratory::{Plan, SOON};
@@ -144,6 +147,46 @@ fn an_arming_that_is_vented_in_the_next_tick_says_so() {
     scene.end();
 }
 
+/// A stop at the cRIO while a sensor is broken: the acknowledgement releases the one and not the other, and a new session follows.
+#[test]
+fn an_acknowledgement_tells_what_it_released_and_what_waits_on() {
+    let mut scene = Scene::under_control("dual_pressure");
+    let broken = |sense: &mut Sense| sense.volts[1] = f32::NAN;
+    scene.spoilt(broken);
+    scene.crio.trip(TripBits::OPERATOR_STOP);
+    (0..5).for_each(|_| _ = scene.spoilt(broken));
+    let ask_broken = |scene: &mut Scene, arguments: &[&str]| {
+        let mut command = Command::new(program("controller"));
+        let asking = Running::start(command.args(arguments).arg("--config").arg(&scene.config));
+        let until = Instant::now() + SOON;
+        while asking.said(Err).is_empty() && asking.said(Out).is_empty() && Instant::now() < until {
+            scene.spoilt(broken);
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        asking.wait(SOON)
+    };
+    let text = ask_broken(&mut scene, &["status"]);
+    assert!(text.stdout.contains("waiting    cRIO tripped, negative sensor broken: "), "{text:?}");
+    let json = ask_broken(&mut scene, &["status", "--json"]);
+    assert!(json.stdout.contains(r#""waiting":["crio_tripped","sensor_negative"]"#), "{json:?}");
+    let hellos = scene.crio.hellos;
+    let done = ask_broken(&mut scene, &["acknowledge"]);
+    assert_eq!(done.status, Some(0), "{done:?}");
+    let told = "acknowledged: cRIO tripped; still waits: negative sensor broken";
+    assert!(done.stdout.starts_with(told), "{done:?}");
+    assert!(scene.daemon.line(Err, "acknowledge by", SOON).contains(told));
+    scene.told("acknowledged at tick ");
+    // What it released has an effect: a new session.
+    scene.crio.open();
+    assert_eq!(scene.crio.hellos, hellos + 1);
+    (0..5).for_each(|_| _ = scene.spoilt(broken));
+    // What still holds cannot be acknowledged: there nothing was done.
+    let refused = ask_broken(&mut scene, &["acknowledge"]);
+    assert_eq!(refused.status, Some(1), "{refused:?}");
+    assert!(refused.stderr.contains("negative sensor broken") && refused.stderr.contains("still holds"), "{refused:?}");
+    scene.end();
+}
+
 #[test]
 fn a_disarming_without_a_crio_says_that_nothing_is_known() {
     let folder = Folder::new();
@@ -228,4 +271,55 @@ fn a_reference_out_of_reach_is_told_to_whoever_follows_it_and_to_whoever_arms() 
     let followed = laboratory.ask(&["reference", high.to_str().unwrap()]);
     assert!(followed.status == Some(0) && followed.stderr.is_empty(), "{followed:?}");
     laboratory.close();
+}
+
+/// In a chamber fifty times as large a pressure takes minutes to come to rest, and what the rig keeps at many places takes long to work
+/// out. Worked out by whoever answers operators, it would hold a disarming for most of that.
+#[test]
+fn a_disarming_does_not_wait_behind_the_reach_of_a_reference() {
+    let plan = Plan::new("policy.active = \"fallback\"\nrig.file = \"large.toml\"");
+    let mut large = coarse("dual_pressure");
+    large.volumes.values_mut().for_each(|volume| volume.volume_l *= 50.0);
+    plan.folder.write("large.toml", large.to_toml().unwrap());
+    let laboratory = plan.start();
+    laboratory.stand_by();
+    let low = laboratory.folder.write("low.csv", slow_reference(&SteadyMap::new(&large).unwrap()));
+    let begun = Instant::now();
+    let asking = Running::start(&mut laboratory.command(&["reference", low.to_str().unwrap()]));
+    let mut longest = Duration::ZERO;
+    while asking.said(Out).is_empty() && asking.said(Err).is_empty() {
+        let asked = Instant::now();
+        let ended = laboratory.ask(&["disarm"]);
+        longest = longest.max(asked.elapsed());
+        assert_eq!(ended.status, Some(0), "{ended:?}");
+        // The daemon prints 20 lines in a row and then two a second: the one about the reach is waited for below.
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    let took = begun.elapsed();
+    let followed = asking.wait(SOON);
+    assert!(followed.status == Some(0) && followed.stderr.contains("reach"), "{followed:?}");
+    println!("the reference took {took:?}, a disarming at most {longest:?}");
+    // Behind the reach it would take all but the little that reading the reference takes.
+    assert!(longest < took / 2, "{longest:?} of {took:?}");
+    // Also where its answer could not wait for it.
+    laboratory.daemon.line(Err, "out of the rig's reach", SOON);
+    laboratory.close();
+}
+
+/// The reference out of reach whose reach takes longest to work out here: of how many places it asks for hangs on how they fall into
+/// the cells of which one is followed each.
+fn slow_reference(map: &SteadyMap) -> String {
+    let place = |n: u32| {
+        let (pos_kpa, neg_kpa) = (5.0 + 7.0 * f64::from(n / 10), -5.0 - 5.5 * f64::from(n % 10));
+        format!("{},{pos_kpa},{neg_kpa}\n", 0.25 * f64::from(n))
+    };
+    let reference = |places: u32| {
+        let rows: String = (0..places).map(place).collect();
+        let csv = format!("time_s,ref_pos_kpa,ref_neg_kpa\n{rows}");
+        let reference = Reference::parse("low.csv", csv.as_bytes()).unwrap();
+        let begun = Instant::now();
+        assert!(beyond_reach(map, &reference).is_some());
+        (begun.elapsed(), csv)
+    };
+    [25, 50, 75, 100].map(reference).into_iter().max().unwrap().1
 }

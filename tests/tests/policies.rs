@@ -14,6 +14,13 @@ use proto::recording::TickRecord;
 use serde_json::Value;
 use tests::laboratory::{Laboratory, Plan, SOON};
 
+/// The published test vector of minisign: a key, and its signature of the four bytes `test`.
+const KEY: &str = "RWQf6LRCGA9i53mlYecO4IzT51TGPpvWucNSCh1CBM0QTaLn73Y7GFO3";
+const SIGNATURE: &str = "untrusted comment: signature from minisign secret key\n\
+RUQf6LRCGA9i559r3g7V1qNyJDApGip8MfqcadIgT9CuhV3EMhHoN1mGTkUidF/z7SrlQgXdy8ofjb7bNJJylDOocrCo8KLzZwo=\n\
+trusted comment: timestamp:1633700835\tfile:test\tprehashed\n\
+wLMDjy9FLAuxZ3q4NlEvkgtyhrr0gtTu6KC4KBJdITbbOeAi1zBIYo0v4iTgt8jJpIidRJnp94ABQkJAgAooBQ==\n";
+
 /// A daemon that arms by itself and watches `policies`, with further lines of its configuration.
 fn laboratory(lines: &str) -> Laboratory {
     let plan = Plan::new(&format!(
@@ -181,6 +188,23 @@ fn what_was_wrong_with_the_directory_is_over_once_it_is_mended() {
     let refused = reply["policies"].as_array().unwrap().iter().filter(|e| e["state"] == "refused").count();
     assert_eq!(refused, 0, "{reply}");
     assert!(!std::fs::read_dir(&folder).unwrap().flatten().any(|f| f.path().extension().is_some_and(|e| e == "json")));
+    laboratory.close();
+}
+
+/// As the refusal says: sign it. It is examined again then, without being published anew, and gets as far as its content does.
+#[test]
+fn a_policy_that_is_signed_after_it_was_published_is_examined_again() {
+    let key = format!("policy.require_signature = true\npolicy.public_key = \"{KEY}\"");
+    let laboratory = laboratory(&format!("policy.active = \"fallback\"\n{key}"));
+    publish(&laboratory, "b", b"test");
+    let at = |stage: &str| {
+        wait_for(&laboratory, "b", stage, |entry| entry["refusal"]["stage"] == stage)["refusal"]["reason"].to_string()
+    };
+    assert!(at("signature").contains("minisign -S -m"));
+    std::fs::write(laboratory.folder.join("policies/b.onnx.minisig"), SIGNATURE).unwrap();
+    let why = at("network");
+    assert!(!why.contains("minisig"), "{why}");
+    assert_eq!(refusal(&policy(&laboratory, "b"))["stage"], "network");
     laboratory.close();
 }
 

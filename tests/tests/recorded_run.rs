@@ -3,10 +3,11 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use proto::recording::{LogTime, Recording, RecordingInfo, RecordingWriter, TickInput, read_mcap};
 use serde_json::Value;
+use tests::laboratory::{Plan, SOON};
 use tests::{Folder, RunStatus, Running, finish, program};
 
 /// A wire that is broken for 40 ms after ten seconds: the rig is vented, and a person has to arm it again.
@@ -53,6 +54,28 @@ fn a_demo_whose_rig_stands_by_still_ends_with_table_recording_and_report() {
     assert!(recording.with_file_name("report.html").is_file());
     let (ended, found) = replayed(&recording);
     assert_eq!((ended.status, &found["ticks_differing"]), (Some(0), &Value::from(0)), "across the fault: {found}");
+}
+
+/// As a shell sorts them where a file was full within the second in which it was begun: `run-…-2.mcap` before `run-….mcap`.
+#[test]
+fn the_parts_of_a_run_are_replayed_in_their_order_whatever_theirs_is_on_the_command_line() {
+    let laboratory = Plan::new("control.auto_arm = true\npolicy.active = \"fallback\"\nrecord.max_mib = 1").start();
+    let until = Instant::now() + SOON;
+    while laboratory.recordings("run-").len() < 3 {
+        assert!(Instant::now() < until, "{:?}", laboratory.recordings("run-"));
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let closed = laboratory.close();
+    let mut files = closed.recordings("run-");
+    files.reverse();
+    let ended = finish(Command::new(program("controller")).args(["replay", "--json"]).args(&files));
+    assert_eq!((ended.status, ended.stderr.as_str()), (Some(0), ""), "{ended:?}");
+    let found: Value = serde_json::from_str(&ended.stdout).unwrap();
+    assert_eq!((&found["ticks"], &found["ticks_differing"]), (&closed.ticks().len().into(), &0.into()), "{found}");
+    // One that is missing in the middle is still missed.
+    files.remove(1);
+    let ended = finish(Command::new(program("controller")).arg("replay").args(&files));
+    assert_eq!(ended.status, Some(2), "{ended:?}");
 }
 
 #[test]

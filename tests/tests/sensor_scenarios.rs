@@ -55,6 +55,27 @@ fn a_stuck_or_wrong_sensor_is_caught_before_the_true_pressure_has_moved_by_15_kp
     }
 }
 
+/// The pump couples the chambers: a negative reading that is off shows in the positive channel too, whose limits are the narrower.
+#[test]
+fn a_drift_is_told_as_that_of_the_sensor_that_drifts() {
+    const TOLD: [&str; 2] = ["positive reading and model disagree", "negative reading and model disagree"];
+    for rig in ["dual_pressure", "bench"] {
+        for (channel, kpa_per_s) in [(0, -3.0), (0, 3.0), (1, -3.0), (1, 3.0)] {
+            let mut scene = Scene::under_control(rig);
+            let vented = (0..500).find(|tick| {
+                scene.crio.faults[channel] = vec![SensorFault::Offset(kpa_per_s * 0.02 * f64::from(*tick))];
+                scene.step() == Some(Mode::Vent)
+            });
+            let context = format!("{rig}, channel {channel}, {kpa_per_s} kPa/s: {vented:?}");
+            println!("{context}");
+            assert!(vented.is_some(), "{context}: {}", scene.daemon.said(Err));
+            scene.told(TOLD[channel]);
+            scene.silent_about(TOLD[1 - channel]);
+            scene.end();
+        }
+    }
+}
+
 /// A step of the references behind half a minute's rest, and true pressures for eight seconds from then on; the sensor's fault begins with it.
 fn stepped(rig: &str, channel: usize, course: &dyn Fn(u32) -> Vec<SensorFault>) -> (Vec<[f64; 2]>, Option<u32>, Scene) {
     let mut scene = Scene::under_control(rig);

@@ -8,10 +8,10 @@ use diagnose::{Diagnosis, Request, check_out_dir, work_out};
 use fit::data::quality::seconds_are_no_count;
 use proto::diagnosis::RigKind;
 use proto::recording::Recording;
-use proto::rig_file;
 
 use crate::failure::{Failure, tell};
 use crate::interruptible::Interruptible;
+use crate::rig_choice::load_for_rows;
 use crate::stdout;
 use crate::work_shown::WorkShown;
 
@@ -47,7 +47,7 @@ pub(crate) struct DiagnoseArgs {
 }
 
 pub(crate) fn run(args: &DiagnoseArgs) -> Result<(), Failure> {
-    let rig = rig_file::load(&args.rig)?;
+    let rig = load_for_rows(&args.rig)?;
     let recordings =
         args.recordings.iter().map(|path| Recording::read_for(path, &rig)).collect::<Result<Vec<_>, _>>()?;
     let work = Interruptible::begin()?;

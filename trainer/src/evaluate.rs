@@ -27,8 +27,8 @@ use crate::stdout;
 /// Fills the paper's tables: runs controllers and policies on rigs and compares their tracking.
 ///
 /// Policies are found in a folder of runs and grouped: runs that differ in nothing but their seed are one row, with
-/// the spread over seeds. Every table has the clairvoyant optimum as its last row: what any controller could reach that
-/// knows the rig and the whole reference. Writes table.json, table.md and table.html.
+/// the spread over seeds. The last row of a table is the clairvoyant optimum, unless it is left out: what any controller could
+/// reach that knows the rig and the whole reference. Writes table.json, table.md and table.html.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   trainer evaluate comparison --runs runs --out tables/comparison
@@ -42,12 +42,13 @@ pub(crate) struct EvaluateArgs {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Fallback, disturbance observer, raw policies, full policies, optimum: on each rig and on rigs randomised around the last
-    Comparison(TableArgs),
+    /// Fallback, iterative learning, MPC, disturbance observer, raw policies, full policies, optimum: on each rig and on rigs
+    /// randomised around the last
+    Comparison(RigsTableArgs),
     /// The four variants: with and without model-predicted observations and smooth actions (Table I)
-    Ablation(TableArgs),
-    /// Payloads of 0 to 20 kg on the actuator that hangs on both chambers (Table II)
-    Loads(TableArgs),
+    Ablation(RigsTableArgs),
+    /// Payloads of 0 to 20 kg on the actuator that hangs on both chambers (Table II), for the controllers of a comparison
+    Loads(LoadsTableArgs),
     /// Puts tables of the same rigs together, made on other days or machines; nothing is run
     Join(JoinArgs),
 }
@@ -65,23 +66,43 @@ struct JoinArgs {
     json: bool,
 }
 
+// The structs below have plain comments: a documented one that is flattened would give its words to the command's help.
+
+// A table whose columns are rigs.
 #[derive(Debug, Args)]
-struct TableArgs {
-    /// Folder of runs, each with its policy.bin, or its policy.onnx and settings.toml; one that has settings alone is named
-    #[arg(long, value_name = "DIR")]
-    runs: Option<PathBuf>,
+struct RigsTableArgs {
     /// Rig to control, name or file; may be given several times (dual_pressure, bench)
     #[arg(long, value_name = "RIG")]
     rig: Vec<String>,
-    /// Model behind predictions, feed-forward and linearisation
-    #[arg(long, value_name = "RIG", default_value = "dual_pressure")]
-    model: String,
     /// How many rigs to draw around the last rig; 0 for none
     #[arg(long = "randomised", alias = "drawn", value_name = "N", default_value_t = 20, value_parser = RangedU64ValueParser::<usize>::new().range(0..=1000))]
     drawn: usize,
     /// Seed of the randomised rigs
     #[arg(long = "randomised-seed", alias = "drawn-seed", value_name = "N", default_value_t = 2026)]
     drawn_seed: u64,
+    #[command(flatten)]
+    table: TableArgs,
+}
+
+// A table whose columns are payloads on rigs.
+#[derive(Debug, Args)]
+struct LoadsTableArgs {
+    /// Rig to hang payloads on, name or file; may be given several times (bench)
+    #[arg(long, value_name = "RIG")]
+    rig: Vec<String>,
+    #[command(flatten)]
+    table: TableArgs,
+}
+
+// What every table takes.
+#[derive(Debug, Args)]
+struct TableArgs {
+    /// Folder of runs, each with its policy.bin, or its policy.onnx and settings.toml; one that has settings alone is named
+    #[arg(long, value_name = "DIR")]
+    runs: Option<PathBuf>,
+    /// Model behind predictions, feed-forward and linearisation
+    #[arg(long, value_name = "RIG", default_value = "dual_pressure")]
+    model: String,
     /// Reference: CSV time_s,ref_pos_kpa,ref_neg_kpa, or a recording that has these columns (the paper's)
     #[arg(long, value_name = "FILE")]
     reference: Option<PathBuf>,
@@ -114,14 +135,14 @@ fn length(text: &str) -> Result<f64, String> {
 
 pub(crate) fn run(args: &EvaluateArgs) -> Result<(), Failure> {
     match &args.what {
-        What::Comparison(table) => {
+        What::Comparison(args) => {
             let shown = |variant| matches!(variant, Variant::Raw | Variant::Both);
-            fill(table, "Comparison of controllers", &shown, true, PAPER_COMPARISON, columns(table)?)
+            fill(&args.table, "Comparison of controllers", &shown, true, PAPER_COMPARISON, columns(args)?)
         }
-        What::Ablation(table) => fill(table, "Ablation", &|_| true, false, PAPER_ABLATION, columns(table)?),
-        What::Loads(table) => {
+        What::Ablation(args) => fill(&args.table, "Ablation", &|_| true, false, PAPER_ABLATION, columns(args)?),
+        What::Loads(args) => {
             let shown = |variant| variant == Variant::Both;
-            fill(table, "Robustness over payloads", &shown, true, PAPER_LOADS, loads(table)?)
+            fill(&args.table, "Robustness over payloads", &shown, true, PAPER_LOADS, loads(args)?)
         }
         What::Join(args) => join(args),
     }
@@ -153,15 +174,15 @@ const PAPER_LOADS: &[(&str, [f64; 2])] = &[
 type Columns = Vec<(String, Vec<Rig>)>;
 
 /// The rigs that are asked for, each with the name or the file that it was asked for by.
-fn rigs(args: &TableArgs, otherwise: &[&str]) -> Result<Vec<(String, Rig)>, Failure> {
+fn rigs(asked: &[String], otherwise: &[&str]) -> Result<Vec<(String, Rig)>, Failure> {
     let names: Vec<String> =
-        if args.rig.is_empty() { otherwise.iter().map(|&n| n.to_owned()).collect() } else { args.rig.clone() };
+        if asked.is_empty() { otherwise.iter().map(|&n| n.to_owned()).collect() } else { asked.to_vec() };
     let loaded = |name: String| Ok((name.clone(), load_for_loop(&name, Some("--rig"))?));
     names.into_iter().map(loaded).collect()
 }
 
-fn columns(args: &TableArgs) -> Result<Columns, Failure> {
-    let rigs = rigs(args, &["dual_pressure", "bench"])?;
+fn columns(args: &RigsTableArgs) -> Result<Columns, Failure> {
+    let rigs = rigs(&args.rig, &["dual_pressure", "bench"])?;
     let last = rigs.last().map(|(_, rig)| rig.clone());
     let mut columns: Columns = rigs.into_iter().map(|(_, rig)| (rig.name.clone(), vec![rig])).collect();
     if let (Some(rig), 1..) = (last, args.drawn) {
@@ -172,8 +193,8 @@ fn columns(args: &TableArgs) -> Result<Columns, Failure> {
     Ok(columns)
 }
 
-fn loads(args: &TableArgs) -> Result<Columns, Failure> {
-    let rigs = rigs(args, &["bench"])?;
+fn loads(args: &LoadsTableArgs) -> Result<Columns, Failure> {
+    let rigs = rigs(&args.rig, &["bench"])?;
     let mut columns = Columns::new();
     for (file, rig) in &rigs {
         for payload_kg in [0.0, 5.0, 10.0, 15.0, 20.0] {

@@ -39,7 +39,7 @@ pub(crate) struct FinetuneArgs {
     /// Policy to begin from: the ONNX file that controls, or the folder of a run
     #[arg(long, value_name = "POLICY", required_unless_present = "resume")]
     from: Option<PathBuf>,
-    /// Folder to publish into: the daemon's policy.directory
+    /// Folder to publish into, which must be there: the daemon's policy.directory, or another one with --offline
     #[arg(long, value_name = "DIR", required_unless_present = "resume")]
     publish: Option<PathBuf>,
     /// Folder of the new run
@@ -164,13 +164,12 @@ fn begin(args: &FinetuneArgs, threads: usize) -> Result<FinetuneRun, Failure> {
     let [recordings, from, publish, out] =
         [&args.recordings, &args.from, &args.publish, &args.out].map(|path| path.as_deref().ok_or_else(missing));
     let (recordings, from, publish, out) = (recordings?, from?, publish?, out?);
-    for folder in [recordings, publish] {
+    for (folder, problem) in [
+        (recordings, "is no folder; give the one that the daemon records into (record.directory)"),
+        (publish, "is no folder; make it, or give the one that the daemon watches (policy.directory)"),
+    ] {
         if !folder.is_dir() {
-            return Err(TrainingError::file(
-                folder,
-                "is no folder; give the daemon's own (record.directory, policy.directory)",
-            )
-            .into());
+            return Err(TrainingError::file(folder, problem).into());
         }
     }
     // Before anything is made: of a folder without recordings nothing would come but an empty run.

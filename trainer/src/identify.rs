@@ -21,6 +21,7 @@ use serde_json::{Map, Value, json};
 
 use crate::failure::{Failure, tell};
 use crate::interruptible::Interruptible;
+use crate::rig_choice::load_for_rows;
 use crate::stdout;
 use crate::work_shown::WorkShown;
 
@@ -59,7 +60,7 @@ pub(crate) struct IdentifyArgs {
 }
 
 pub(crate) fn run(args: &IdentifyArgs) -> Result<(), Failure> {
-    let rig = rig_file::load(&args.rig)?;
+    let rig = load_for_rows(&args.rig)?;
     // All are read before anything is fitted, so that a bad file shows at once.
     let recordings =
         args.recordings.iter().map(|path| Recording::read_for(path, &rig)).collect::<Result<Vec<_>, _>>()?;

@@ -20,8 +20,9 @@ use crate::train::{MOST_THREADS, settings_of};
 ///
 /// Rigs are flown side by side; at some ticks the same flight is flown on with shifted answers, under the same noise. What that
 /// costs says which way each answer should go, and the policy is moved there. Rigs are drawn around --rig as the settings say; the
-/// policy is kept that tracks best on rigs set aside. A policy that corrects the fallback begins from corrections of nothing where
-/// these track better. A run is a folder. Ctrl-C keeps the rounds before; --resume goes on to the same result, to the byte.
+/// policy is kept that tracks best on rigs set aside, by the geometric mean of both channels' errors. A policy that corrects the
+/// fallback begins from corrections of nothing where these track better. A run is a folder. Ctrl-C keeps the rounds before;
+/// --resume goes on to the same result, to the byte.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   trainer improve --from policies/default.onnx --rig found/rig.toml --out runs/better
@@ -92,7 +93,10 @@ pub(crate) fn run(args: &ImproveArgs) -> Result<(), Failure> {
     }
     let folder = run.files().folder().display();
     let mut text = match ended {
-        RunStatus::Finished => format!("{} rounds done in {:.0} s\n", summary.rounds, summary.wall_s),
+        RunStatus::Finished => {
+            let rounds = if summary.rounds == 1 { "round" } else { "rounds" };
+            format!("{} {rounds} done in {:.0} s\n", summary.rounds, summary.wall_s)
+        }
         RunStatus::Stopped => format!(
             "stopped after {} of {} rounds, kept; go on with: trainer improve --resume {folder}\n",
             summary.rounds, summary.rounds_planned

@@ -31,8 +31,8 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
-/// Offline companion of the dual-pressure controller: emulates the cRIO, simulates rigs, fits and checks a
-/// rig's model against recordings.
+/// Companion of the dual-pressure controller: emulates the cRIO, simulates rigs, fits and checks a rig's model against
+/// recordings, finds what the model lacks, and trains and compares policies.
 ///
 /// Pressures are gauge kPa, times s, duties 0 (valve shut) to 1 (open). A recording is the daemon's
 /// MCAP file or what a logger wrote, of any rate, its columns under the rig's names
@@ -51,7 +51,10 @@ const EXAMPLES: &str = "Examples:
   trainer identify --rig dual_pressure run1.mcap run2.csv --out lab.toml
   trainer validate --rig lab.toml run3.mcap
   trainer diagnose --rig bench run1.mcap run2.csv --out found
-  trainer bench --json";
+  trainer bench --json
+  trainer train --out runs/first --steps 20000
+  trainer evaluate comparison --runs runs --out tables/comparison
+  trainer adapt --rehearse --out out/rehearsal";
 
 #[derive(Debug, Subcommand)]
 enum Command {

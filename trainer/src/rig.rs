@@ -11,8 +11,8 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use proto::emulator::{Emulator, EmulatorConfig, FaultScript, Pace, rig_and_crio};
-use proto::rig_file::{self, RigFileError};
+use proto::emulator::{Emulator, EmulatorConfig, FaultScript, Pace, load_for_loop, rig_and_crio};
+use proto::rig_file::RigFileError;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use crate::failure::Failure;
@@ -65,7 +65,7 @@ const TICKS_PER_S: u64 = 50;
 const LOOK: Duration = Duration::from_millis(50);
 
 pub(crate) fn run(args: &RigArgs) -> Result<(), Failure> {
-    let rig = rig_file::load(&args.rig)?;
+    let rig = load_for_loop(&args.rig, Some("--rig"))?;
     let (behind, crio) = rig_and_crio(&rig).map_err(|problem| RigFileError::Rig { file: args.rig.clone(), problem })?;
     let faults = args.faults.as_deref().map_or(Ok(FaultScript::none()), FaultScript::read)?;
     let faults_count = faults.len();
@@ -124,6 +124,8 @@ fn address(text: &str) -> Result<String, &'static str> {
 
 #[cfg(test)]
 mod tests {
+    use model::rig::Rig;
+
     use super::*;
 
     #[test]
@@ -134,5 +136,29 @@ mod tests {
         for wrong in ["50500", "127.0.0.1", ":50500", "host:", "host:70000", ""] {
             assert!(address(wrong).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn a_rig_whose_sensor_leaves_the_volts_of_the_wire_is_refused() {
+        let mut rig = Rig::builtin("bench").unwrap();
+        rig.sensors["sensor_pos"].range_v = [0.0, 10.0];
+        let path = std::env::temp_dir().join(format!("rig-of-10-v-{}.toml", std::process::id()));
+        proto::rig_file::save(&path, &rig).unwrap();
+        let args = RigArgs {
+            listen: "127.0.0.1:0".to_owned(),
+            rig: path.display().to_string(),
+            pace: PaceChoice::Real,
+            faults: None,
+            seed: 1,
+            // Where it is not refused, it ends by itself.
+            seconds: Some(1),
+            json: false,
+        };
+        let refused = run(&args);
+        std::fs::remove_file(&path).unwrap();
+        let error = refused.unwrap_err();
+        assert_eq!(error.status(), crate::failure::BAD_INPUT);
+        let beginning = format!("{} (--rig): sensors.sensor_pos.range_v: ", path.display());
+        assert!(error.to_string().starts_with(&beginning), "{error}");
     }
 }

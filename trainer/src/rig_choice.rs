@@ -3,10 +3,13 @@
 //! Check valves turn inside steps, where RK4 loses its order. A rig takes such steps again in halves
 //! (`integrator.refine_switching`), which keeps 0.1 ms within 0.01 kPa of converged traces; offline a finer step still
 //! costs nothing that matters.
+//!
+//! Commands without `--refine` read their rig by [`load_for_rows`].
 
 use std::sync::Arc;
 
 use clap::Args;
+use free_run::FreeRun;
 use free_run::refine::{REFINE, refined};
 use model::plant::Plant;
 use model::rig::Rig;
@@ -35,5 +38,19 @@ impl RigChoice {
         rig.integrator.step_ms = refined(rig.integrator.step_ms, self.refine);
         let plant = Plant::new(&rig).map_err(|problem| RigFileError::Rig { file: self.rig.clone(), problem })?;
         Ok((rig, Arc::new(plant)))
+    }
+}
+
+/// Reads and checks a rig that is to run over the rows of recordings: a built-in one or a file. One whose tick does not go into a
+/// row is refused by its file before any recording is read.
+///
+/// # Errors
+/// What is wrong with the file or the rig, in one line.
+pub(crate) fn load_for_rows(file: &str) -> Result<Rig, RigFileError> {
+    let rig = rig_file::load(file)?;
+    let runs = Plant::new(&rig).and_then(|plant| FreeRun::new(&rig, Arc::new(plant)));
+    match runs {
+        Ok(_) => Ok(rig),
+        Err(problem) => Err(RigFileError::Rig { file: file.to_owned(), problem }),
     }
 }

@@ -26,8 +26,8 @@ use crate::stdout;
 /// Row k holds the pressures at t_k and the commands from t_k to t_{k+1}, 20 ms later. A first row within 0.5 kPa of
 /// the atmosphere starts a rig that stood still; any other one a rig whose pump was running, and whose valves, where they
 /// have backlash or friction, lie as if the first pressures had settled before. A file without any
-/// pressure column (such as next_experiment.csv) starts at rest. Lost rows up to 0.1 s are bridged; a longer gap starts the run anew
-/// at the next row.
+/// pressure column (such as next_experiment.csv) starts at rest. Lost rows are bridged where those around them are 0.1 s apart at
+/// most, or two and a half times their usual distance; a longer gap starts the run anew at the next row.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: trainer simulate --rig dual_pressure --inputs run.csv --out simulated.csv")]
 pub(crate) struct SimulateArgs {
@@ -94,7 +94,11 @@ pub(crate) fn run(args: &SimulateArgs) -> Result<(), Failure> {
             "rows": rows, "segments": segments, "start": start, "notes": recording.notes(),
         }));
     }
-    let anew = if segments > 1 { format!(", started anew after {} gaps", segments - 1) } else { String::new() };
+    let anew = match segments {
+        0 | 1 => String::new(),
+        2 => ", started anew after a gap".to_owned(),
+        _ => format!(", started anew after {} gaps", segments - 1),
+    };
     stdout::say(&format!("{}: {rows} rows of {}, started {start}{anew}", args.out.display(), rig.name))
 }
 

@@ -122,7 +122,10 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
             }
         );
     }
-    text += "rig                        RMSE positive  RMSE negative  duty change/tick pos, neg (RMS)\n";
+    // Stopped within its first evaluation it has no figures.
+    if !summary.evaluated.is_empty() {
+        text += "rig                        RMSE positive  RMSE negative  duty change/tick pos, neg (RMS)\n";
+    }
     for (e, fallback) in summary.evaluated.iter().zip(&summary.fallback) {
         for (e, who) in [(e, "policy"), (fallback, "fallback")] {
             text += &format!(

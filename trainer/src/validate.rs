@@ -29,9 +29,9 @@ use crate::stdout;
 /// Where a valve's flapper with backlash or friction lay when a recording began is told by no reading: it is placed where the first
 /// 20 s come out best, and said.
 ///
-/// Recordings of any rate are brought to rows of 20 ms; only rows with a sample are compared. Lost rows up to 0.1 s are bridged;
-/// at a longer gap the run begins anew from the recorded pressures, which makes its error smaller: the column `anew` counts that. A
-/// recording that is given twice counts once.
+/// Recordings of any rate are brought to rows of 20 ms; only rows with a sample are compared. Lost samples are bridged where those
+/// around them are 0.1 s apart at most, or two and a half times their usual distance; at a longer gap the run begins anew from the
+/// recorded pressures, which makes its error smaller: the column `anew` counts that. A recording that is given twice counts once.
 #[derive(Debug, Args)]
 #[command(after_help = "Exit status: 0 compared; 1 compared, and the recording does not hold what the rig file says
 (another unit, swapped columns, a command turned round); 2 wrong use or input.

@@ -115,5 +115,10 @@ fn lengths_and_counts_that_make_no_table_are_refused() {
             assert!(said.contains(option), "{value}: {said}");
         }
     }
+    // Payloads hang on the rigs that are named, and on none that are drawn.
+    for option in ["--randomised=3", "--randomised-seed=3"] {
+        let said = refused(["evaluate", "loads", option, "--out", &out]);
+        assert!(said.contains("unexpected argument '--randomised"), "{said}");
+    }
     assert!(!std::path::Path::new(&out).exists());
 }

@@ -119,7 +119,16 @@ fn bad_rigs_get_one_line_with_line_and_key() {
     }
     // Sound by themselves, and of no use here.
     let slow = folder.with("slow.toml", paper.replace("tick_ms = 20.0", "tick_ms = 30.0"));
-    assert!(refused(["validate", "--rig", &slow, &recording]).contains(": integrator.tick_ms: rows are 20 ms apart"));
+    let out = folder.path("out");
+    for command in [
+        vec!["validate", "--rig", &slow, &recording],
+        vec!["simulate", "--rig", &slow, "--inputs", &recording, "--out", &out],
+        vec!["identify", "--rig", &slow, &recording, "--out", &out],
+        vec!["diagnose", "--rig", &slow, &recording, "--out", &out],
+    ] {
+        let said = refused(command.as_slice());
+        assert!(said.contains(&format!("{slow}: integrator.tick_ms: rows are 20 ms apart")), "{command:?}: {said}");
+    }
     let quick = folder.with("quick.toml", paper.replace("tick_ms = 20.0", "tick_ms = 10.0"));
     assert_eq!(run(["validate", "--rig", &quick, &recording]).status, 0);
     let said = refused(["rig", "--listen", "127.0.0.1:0", "--rig", &quick]);
@@ -173,6 +182,14 @@ fn missing_files_are_named() {
     let said = refused(["validate", "--rig", "benhc", &none]);
     assert!(said.contains("benhc: there is neither a file nor a built-in rig of that name"), "{said}");
     assert!(said.contains("dual_pressure, bench"), "{said}");
+    let (recordings, nowhere) = (folder.path(""), folder.path("nowhere"));
+    let finetune = |recordings: &str, publish: &str| {
+        refused(["finetune", "--recordings", recordings, "--from", &none, "--publish", publish, "--out", &out])
+    };
+    assert!(
+        finetune(&nowhere, &recordings).contains("nowhere: is no folder; give the one that the daemon records into")
+    );
+    assert!(finetune(&recordings, &nowhere).contains("nowhere: is no folder; make it, or give the one"));
     let said = refused(["rig", "--listen", "127.0.0.1:0", "--faults", &folder.path("none.toml")]);
     assert!(said.contains("none.toml: cannot read the fault script"), "{said}");
     let faults = folder.with("faults.toml", "[[fault]]\nkind = \"lose\"\nframe = \"sense\"\n");

@@ -14,6 +14,8 @@
 //! ([`model::shown_reference`]): behind a late sensor readings less reference would favour whoever drives the chamber ahead
 //! of it.
 
+mod exploring;
+mod learning;
 mod succession;
 
 use std::sync::Arc;
@@ -27,7 +29,7 @@ use crate::blend::blended;
 use crate::channel::{Candidate, PolicyEvent, PolicyTag, TickEnd};
 use crate::conditions::Conditions;
 use crate::conduct::Shown;
-use crate::exploration::{Exploration, ExplorationRules, ExplorationShown, Noise};
+use crate::exploration::{Exploration, Noise};
 use crate::loss::Loss;
 use crate::record::Record;
 use crate::remainder::{Remainder, away};
@@ -140,77 +142,6 @@ impl Arbiter {
             repetitions: None,
             left: Left::NOTHING,
         }
-    }
-
-    /// Learns from here on what flights of a reference leave, named by its identity, and hands back what was learned in its place before;
-    /// with nothing it learns no more.
-    ///
-    /// # Real-time
-    /// May run in the tick: nothing is freed as long as somebody else holds what is handed back.
-    pub fn exchange_repetitions(
-        &mut self,
-        repetitions: Option<Box<Repetitions>>,
-        reference: u64,
-    ) -> Option<Box<Repetitions>> {
-        let before = std::mem::replace(&mut self.repetitions, repetitions);
-        self.choose_reference(reference);
-        before
-    }
-
-    /// A flight of the reference begins; after `period_ticks` the next one follows, where it does by itself.
-    ///
-    /// # Real-time
-    /// Runs in the tick; bounded.
-    pub fn begin_flight(&mut self, period_ticks: Option<u32>) {
-        if let Some(repetitions) = &mut self.repetitions {
-            repetitions.begin(period_ticks);
-        }
-    }
-
-    /// Another reference is flown, by its identity ([`Repetitions::choose`]).
-    ///
-    /// # Real-time
-    /// Runs in the tick; bounded.
-    pub fn choose_reference(&mut self, reference: u64) {
-        self.shown_reference.restart();
-        if let Some(repetitions) = &mut self.repetitions {
-            repetitions.choose(reference);
-        }
-    }
-
-    /// Flights of the reference that were learned from; nothing where none are.
-    pub fn flights(&self) -> Option<usize> {
-        self.repetitions.as_ref().map(|repetitions| repetitions.flights())
-    }
-
-    /// Explores around the active policy from the next tick on; answers whether it does. It does not where the fallback
-    /// decides or a candidate is on its way.
-    ///
-    /// # Real-time
-    /// Runs in the tick.
-    pub fn explore(&mut self, rules: ExplorationRules) -> bool {
-        let spread = self.incumbent.taken.as_ref().filter(|taken| taken.policy.is_some()).map(|taken| taken.spread);
-        let alone = self.trust == Trust::Policies && self.candidate.is_none();
-        self.exploration = spread.filter(|_| alone).map(|spread| Exploration::new(rules, &spread));
-        self.exploration.is_some()
-    }
-
-    /// Explores no more.
-    ///
-    /// # Real-time
-    /// Runs in the tick.
-    pub fn stop_exploring(&mut self) {
-        self.exploration = None;
-    }
-
-    /// Exploration that is on.
-    pub fn exploration(&self) -> Option<ExplorationShown> {
-        self.exploration.as_ref().map(Exploration::shown)
-    }
-
-    /// Takes the noise of a recorded tick in place of what would be drawn: for replays.
-    pub fn impose_noise(&mut self, noise: Noise) {
-        self.imposed_noise = Some(noise);
     }
 
     /// Says whose answers count from now on; the command goes on from where it is.
@@ -361,19 +292,6 @@ impl Arbiter {
         self.since_shown = self.since_shown.saturating_add(1);
         self.sent = duty;
         self.learn(&Left::NOTHING);
-    }
-
-    fn learn(&mut self, left: &Left) {
-        if let Some(repetitions) = &mut self.repetitions {
-            repetitions.follow(left);
-        }
-    }
-
-    /// Tells whether what flights have taught is part of the whole command: a policy of the paper's layout decides without the fallback.
-    fn builds_on_fallback(&self) -> bool {
-        let candidate = self.candidate.as_ref().filter(|(_, stages)| stages.authority() > 0.0).map(|(seat, _)| seat);
-        self.trust == Trust::FallbackOnly
-            || std::iter::once(&self.incumbent).chain(candidate).all(Seat::builds_on_fallback)
     }
 
     /// Tells what was really sent, and moves the candidate on.

@@ -10,7 +10,7 @@ use model::observation::{CHANNELS, Pair};
 use model::predict::Predictor;
 use model::rig::{Rig, RigError};
 
-use crate::model_residual::{Limits, ModelResidual};
+use crate::model_residual::{Excess, Limits, Measure, ModelResidual};
 use crate::reference_motion::Motion;
 use crate::slowness::Slowness;
 use crate::standing::Standing;
@@ -91,7 +91,7 @@ pub(crate) struct Contradiction {
     pub(crate) sums: ModelResidual,
     slowness: Slowness,
     standing: Standing,
-    last_kpa: f64,
+    last: Option<Excess>,
     held: u32,
 }
 
@@ -101,7 +101,7 @@ impl Contradiction {
             sums: ModelResidual::new(limits),
             slowness: Slowness::NONE,
             standing: Standing::new(limits.standing_kpa),
-            last_kpa: 0.0,
+            last: None,
             held: 0,
         }
     }
@@ -118,15 +118,16 @@ impl Contradiction {
         self.held = 0;
     }
 
-    /// Takes the ways of a tick under control; the sum that contradicts, in kPa, while one does.
-    pub(crate) fn judge(&mut self, ways: [Way; 2], motion: Motion) -> Option<f64> {
+    /// Takes the ways of a tick under control; the sum that contradicts, while one does.
+    pub(crate) fn judge(&mut self, ways: [Way; 2], motion: Motion) -> Option<Excess> {
         let factor = self.slowness.follow(ways);
         self.held = self.held.saturating_sub(1);
-        let standing = self.standing.push(ways, factor);
-        if let Some(kpa) = self.sums.push(left_kpa(ways, factor), factor, motion).or(standing) {
-            (self.last_kpa, self.held) = (kpa, HELD_TICKS);
+        let standing = self.standing.push(ways, factor).map(|kpa| Excess { kpa, by: Measure::Standing });
+        let found = self.sums.push(left_kpa(ways, factor), factor, motion).or(standing);
+        if found.is_some() {
+            (self.last, self.held) = (found, HELD_TICKS);
         }
-        (self.held > 0).then_some(self.last_kpa)
+        self.last.filter(|_| self.held > 0)
     }
 }
 

@@ -10,6 +10,7 @@
 //! | `hypothesis`, [`model_residual`] | readings against what models foresaw |
 //! | `reference_motion` | how fast the references have moved of late |
 //! | `slowness` | how many times slower a rig is than its model |
+//! | `coupling` | the reading that is wrong where one contradicts its model: the pump couples the chambers |
 //! | `standing` | a reading that rests where its model says that it must go on |
 //! | [`monitor_models`] | the models of all that, which can be exchanged |
 //! | [`lagged_command`] | a command as a slow valve follows it |
@@ -21,6 +22,7 @@
 //! clock of its own; bounded and allocation-free after construction, so all of it may run in the tick.
 
 pub mod command_echo;
+mod coupling;
 pub mod frame_gate;
 pub mod frozen_reading;
 mod hypothesis;

@@ -10,6 +10,8 @@
 //! references by itself (`reference_motion`): at rest any model is a good one. What it leaves at rest depends on where it rests, so
 //! a rest behind a motion is recorded anew.
 
+use model::observation::CHANNELS;
+
 use crate::reference_motion::{Motion, RECORDED_KINDS};
 
 /// Ticks of the middle sum.
@@ -65,6 +67,26 @@ impl Limits {
     /// error is known. The same rigs make 72 kPa at
     /// the most of a reading that stands.
     pub const NEGATIVE: Limits = Limits { short_kpa: [4.0, 8.0], long_kpa: [8.0, 25.0], standing_kpa: 90.0 };
+    /// The limits by channel.
+    pub const BY_CHANNEL: [Limits; CHANNELS] = [Limits::POSITIVE, Limits::NEGATIVE];
+}
+
+/// Measure by which a reading contradicts its model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Measure {
+    /// The sum over five ticks, and not the one over half a second.
+    ShortSum,
+    /// The sum over half a second, whatever the one over five ticks says.
+    LongSum,
+    /// Another one than the sums: the reading rests where it should not (`crate::standing`).
+    Standing,
+}
+
+/// Size by which a reading contradicts its model, and the measure that says so.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Excess {
+    pub(crate) kpa: f64,
+    pub(crate) by: Measure,
 }
 
 /// The record of one channel.
@@ -114,11 +136,11 @@ impl ModelResidual {
     }
 
     /// Takes a tick's residual in kPa, of a rig that is as quick as `share` of its model, while such a motion of the references is felt;
-    /// answers the sum that is too large, if one is.
+    /// answers the sum that is too large, if one is; of two the short one.
     ///
     /// # Real-time
     /// May run in the tick.
-    pub(crate) fn push(&mut self, residual_kpa: f64, share: f64, motion: Motion) -> Option<f64> {
+    pub(crate) fn push(&mut self, residual_kpa: f64, share: f64, motion: Motion) -> Option<Excess> {
         self.motion = motion;
         // Residuals of a slow rig are those of its model's quickness: the pressures differ by that share of them.
         self.slow_times = (1.0 / share).clamp(1.0, SLOW_TIMES);
@@ -130,10 +152,16 @@ impl ModelResidual {
         let (narrow, wide) =
             (self.limit(self.limits.short_kpa, |s| s.short), self.limit(self.limits.long_kpa, |s| s.long));
         self.record(residual_kpa, short, long);
+        let by = if self.filled >= LONG && long.abs() > wide { Measure::LongSum } else { Measure::ShortSum };
         if self.filled >= SHORT && short.abs() > narrow {
-            return Some(short);
+            return Some(Excess { kpa: short, by });
         }
-        (self.filled >= LONG && long.abs() > wide).then_some(long)
+        (by == Measure::LongSum).then_some(Excess { kpa: long, by })
+    }
+
+    /// Sum over half a second beyond the recorded mean, in kPa.
+    pub(crate) fn long_kpa(&self) -> f64 {
+        self.excess(LONG)
     }
 
     /// Sums over five ticks and half a second beyond the recorded mean, and their limits, in kPa: for the figures.

@@ -14,6 +14,7 @@ use model::predict::{DualPressurePorts, DualPressureRig};
 use model::rig::{MechanismInstance, Rig, RigError};
 use model::steady::SteadyMap;
 
+use crate::coupling::Coupling;
 use crate::hypothesis::HypothesisModels;
 use crate::vent_check::VentModel;
 
@@ -22,14 +23,17 @@ pub const HYPOTHESES: usize = 2;
 /// Lag that no file names: what hangs before a sensor on a thin hose, or its own filter (chosen: a quarter more than the slowest
 /// that was asked for, 160 ms; what lies between no lag and this one contradicts neither hypothesis).
 const UNNAMED_LAG_MS: f64 = 200.0;
-/// Pressures at which a rig is vented to see how it does, kPa gauge: what it usually holds.
-const HELD_KPA: Pair = [85.0, -70.0];
+/// Pressures at which a model is looked at, kPa gauge: what a rig usually holds.
+pub(crate) const HELD_KPA: Pair = [85.0, -70.0];
+/// Duties at these pressures: valves as usual.
+pub(crate) const HELD_DUTY: Pair = [0.8; CHANNELS];
 /// The most ticks that are looked at: 20 s, longer than any rig of use takes.
 const MOST_TICKS: u32 = 1_000;
 
 /// The models of a monitor, made outside of the tick and exchanged in it.
 pub struct MonitorModels {
     pub(crate) hypotheses: [Option<HypothesisModels>; HYPOTHESES],
+    pub(crate) coupling: Coupling,
     pub(crate) vent: VentModel,
 }
 
@@ -43,7 +47,8 @@ impl MonitorModels {
     /// Allocates and simulates up to 20 s; not for the tick.
     pub fn new(rig: &Rig) -> Result<Self, RigError> {
         let lagging = lagging(rig).map(|rig| HypothesisModels::new(&rig)).transpose()?;
-        Ok(MonitorModels { hypotheses: [Some(HypothesisModels::new(rig)?), lagging], vent: vent(rig)? })
+        let hypotheses = [Some(HypothesisModels::new(rig)?), lagging];
+        Ok(MonitorModels { hypotheses, coupling: Coupling::of(rig)?, vent: vent(rig)? })
     }
 
     /// Runs along with a tick that has been: readings (kPa gauge), then the duties that were sent, and whether the pump ran.
@@ -82,7 +87,7 @@ fn vent(rig: &Rig) -> Result<VentModel, RigError> {
     let rest = if relay { None } else { SteadyMap::new(rig)?.settled_kpa([1.0; CHANNELS]) };
     let rest_kpa = rest.unwrap_or([0.0; CHANNELS]);
     let mut model = DualPressureRig::new(rig)?;
-    model.start_from(HELD_KPA, [0.8; CHANNELS]);
+    model.start_from(HELD_KPA, HELD_DUTY);
     let mut half_ticks = [MOST_TICKS; CHANNELS];
     for tick in 1..=MOST_TICKS {
         model.tick([1.0; CHANNELS], !relay);

@@ -7,10 +7,10 @@ use supervisor::{Condition, ConditionSet};
 
 use crate::command_echo::{CommandEcho, SentCommand};
 use crate::frozen_reading::FrozenReading;
-use crate::hypothesis::Contradiction;
+use crate::hypothesis::{Contradiction, Way};
 use crate::jump::{JUMP_KPA, Jump, Worth};
 use crate::lagged_command::LaggedCommand;
-use crate::model_residual::Limits;
+use crate::model_residual::{Limits, Measure};
 use crate::monitor_models::{HYPOTHESES, MonitorModels};
 use crate::reference_motion::ReferenceMotion;
 use crate::tracking::Tracking;
@@ -24,9 +24,6 @@ const BELOW_VACUUM_KPA: f64 = -101.325 - WRONG_SIDE_KPA;
 const MODEL: [Condition; CHANNELS] = [Condition::ModelPositive, Condition::ModelNegative];
 const SUSPECT: [Condition; CHANNELS] = [Condition::SuspectPositive, Condition::SuspectNegative];
 const FROZEN: [Condition; CHANNELS] = [Condition::FrozenPositive, Condition::FrozenNegative];
-
-/// Limits of the residuals by channel.
-const LIMITS: [Limits; CHANNELS] = [Limits::POSITIVE, Limits::NEGATIVE];
 
 /// Whether the valves were being controlled in the tick before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -88,7 +85,7 @@ impl Monitor {
         let models = MonitorModels::new(rig)?;
         Ok(Monitor {
             slow: LaggedCommand::settled([1.0; CHANNELS]),
-            contradictions: [LIMITS.map(Contradiction::new); HYPOTHESES],
+            contradictions: [Limits::BY_CHANNEL.map(Contradiction::new); HYPOTHESES],
             jumps: [Jump::default(); CHANNELS],
             believed_kpa: [0.0; CHANNELS],
             frozen: [FrozenReading::new(); CHANNELS],
@@ -112,7 +109,7 @@ impl Monitor {
         std::mem::swap(&mut self.models, models);
         self.vent.set_model(self.models.vent);
         let fresh = if self.phase == Phase::Controlled { Contradiction::compared } else { Contradiction::new };
-        self.contradictions = [LIMITS.map(fresh); HYPOTHESES];
+        self.contradictions = [Limits::BY_CHANNEL.map(fresh); HYPOTHESES];
         self.foresees = false;
     }
 
@@ -207,25 +204,50 @@ impl Monitor {
 
     /// Takes readings into all models; a reading that every hypothesis contradicts, and all in one direction, is found.
     fn against_the_models(&mut self, readings_kpa: Pair, judged: [bool; CHANNELS], found: &mut ConditionSet) {
+        let ways = self.models.hypotheses.each_mut().map(|models| models.as_mut().map(|m| m.take(readings_kpa)));
+        self.contradicted(ways, judged, found);
+    }
+
+    /// Finds the readings that contradict every hypothesis, by the ways that the chambers made in this tick: by hypothesis, channel and
+    /// command.
+    fn contradicted(
+        &mut self,
+        ways: [Option<[[Way; 2]; CHANNELS]>; HYPOTHESES],
+        judged: [bool; CHANNELS],
+        found: &mut ConditionSet,
+    ) {
         let motion = self.motion.felt();
         let mut against: [Option<f64>; CHANNELS] = [None; CHANNELS];
         let mut explained = [false; CHANNELS];
-        for (models, contradictions) in self.models.hypotheses.iter_mut().zip(&mut self.contradictions) {
-            let Some(models) = models else { continue };
-            let ways = models.take(readings_kpa);
+        let mut by_long_sums = judged;
+        for (ways, contradictions) in ways.iter().zip(&mut self.contradictions) {
+            let Some(ways) = ways else { continue };
             for c in (0..CHANNELS).filter(|c| judged[*c]) {
-                match (contradictions[c].judge(ways[c], motion), against[c]) {
-                    (None, _) => explained[c] = true,
-                    (Some(kpa), Some(before)) => explained[c] |= kpa * before < 0.0,
-                    (Some(kpa), None) => against[c] = Some(kpa),
+                let Some(excess) = contradictions[c].judge(ways[c], motion) else {
+                    explained[c] = true;
+                    continue;
+                };
+                by_long_sums[c] &= excess.by == Measure::LongSum;
+                match against[c] {
+                    Some(before) => explained[c] |= excess.kpa * before < 0.0,
+                    None => against[c] = Some(excess.kpa),
                 }
             }
         }
         for c in 0..CHANNELS {
-            if let Some(kpa) = against[c].filter(|_| !explained[c]) {
-                found.insert(MODEL[c], kpa);
-            }
+            let Some(kpa) = against[c].filter(|_| !explained[c]) else { continue };
+            // Long sums that are within their limits say nothing of what another measure found.
+            let named = if by_long_sums[c] && judged[1 - c] { self.named(c) } else { c };
+            let kpa = if named == c { kpa } else { self.contradictions[0][named].sums.long_kpa() };
+            found.insert(MODEL[named], kpa);
         }
+    }
+
+    /// Channel that explains why this one's reading contradicts the models: itself, or the other one, which the pump couples to it.
+    fn named(&self, found: usize) -> usize {
+        let present = self.models.hypotheses.iter().zip(&self.contradictions).filter(|(models, _)| models.is_some());
+        let sums_kpa = present.map(|(_, channels)| std::array::from_fn(|c| channels[c].sums.long_kpa()));
+        self.models.coupling.named(found, sums_kpa)
     }
 
     /// Takes the references and what was decided for them.
@@ -275,5 +297,52 @@ fn ranges(readings_kpa: [Option<f64>; CHANNELS], found: &mut ConditionSet) {
         && !(BELOW_VACUUM_KPA..=WRONG_SIDE_KPA).contains(&negative)
     {
         found.insert(Condition::RangeNegative, negative);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A tick in which the models foresaw no way, and each channel made this one, in kPa.
+    fn left(monitor: &mut Monitor, left_kpa: Pair) -> ConditionSet {
+        let mut found = ConditionSet::EMPTY;
+        let ways = left_kpa.map(|actual_kpa| [Way { actual_kpa, foreseen_kpa: 0.0 }; 2]);
+        monitor.contradicted([Some(ways); HYPOTHESES], [true; CHANNELS], &mut found);
+        found
+    }
+
+    /// A monitor that has seen good models for 20 s, so that the limits are the narrowest: 4 kPa in five ticks, 5 and 8 kPa in half a
+    /// second.
+    fn recorded() -> Monitor {
+        let mut monitor = Monitor::new(&Rig::builtin("dual_pressure").unwrap(), Foresight::Judged).unwrap();
+        for _ in 0..1_000 {
+            assert_eq!(left(&mut monitor, [0.0; CHANNELS]), ConditionSet::EMPTY);
+        }
+        monitor
+    }
+
+    /// The positive channel's sum over half a second is 1 kPa behind the step, which -4 kPa of the negative channel would explain.
+    #[test]
+    fn a_step_that_the_short_sum_finds_is_named_where_it_is() {
+        let mut monitor = recorded();
+        for _ in 0..24 {
+            assert_eq!(left(&mut monitor, [-0.2, -0.16]), ConditionSet::EMPTY, "a harmless rest");
+        }
+        let found = left(&mut monitor, [6.0, -0.16]);
+        let [positive, negative] = monitor.contradictions[0].map(|c| c.sums.long_kpa());
+        assert!((positive - 1.2).abs() < 0.3 && (negative + 4.0).abs() < 0.3, "{positive} {negative}");
+        assert_eq!(monitor.named(0), 1, "by the long sums alone");
+        assert!(found.contains(Condition::ModelPositive) && !found.contains(Condition::ModelNegative), "{found:?}");
+        assert!((found.value(Condition::ModelPositive) - 5.2).abs() < 0.3, "the sum over five ticks: {found:?}");
+    }
+
+    /// Sums as a drifting negative reading leaves them: the positive channel passes its limit first.
+    #[test]
+    fn a_drift_that_the_long_sum_finds_is_named_where_it_comes_from() {
+        let mut monitor = recorded();
+        let found =
+            (0..50).map(|_| left(&mut monitor, [-0.24, 0.37])).find(|found| *found != ConditionSet::EMPTY).unwrap();
+        assert!(found.contains(Condition::ModelNegative) && !found.contains(Condition::ModelPositive), "{found:?}");
     }
 }

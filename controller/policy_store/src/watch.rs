@@ -5,12 +5,15 @@
 //! two readings in a row found the same inode, size and times. The time of its entry's change is among them, which no program
 //! can set: content that was put in place of other content of the same length and date shows there. A copy that pauses for longer
 //! is told by what it holds: the store waits for a file that ends too early ([`crate::store`]). How long a file has stood still
-//! is measured here, by a clock that nobody sets: a file server has another date than this machine.
+//! is measured here, by a clock that nobody sets: a file server has another date than this machine. A signature that comes or
+//! changes beside a file has the file looked at again.
 
 use std::collections::HashMap;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+
+use admission::signature::signature_file;
 
 use crate::desk::FALLBACK;
 
@@ -77,6 +80,8 @@ pub struct Watcher {
 #[derive(Debug, Clone, Copy)]
 struct Known {
     look: Look,
+    /// The look of its signature, where there is one: no part of what the file is.
+    signature: Option<Look>,
     /// When it was first seen to look so.
     since: Instant,
     /// Whether it has been handed out as it is now.
@@ -144,9 +149,11 @@ impl Watcher {
         reading.gone = self.known.keys().filter(|name| !seen.contains_key(*name)).cloned().collect();
         self.known.retain(|name, _| seen.contains_key(name));
         for (name, (path, look)) in seen {
-            let same = self.known.get(&name).copied().filter(|known| known.look == look);
-            let since = same.map_or_else(Instant::now, |known| known.since);
-            self.known.insert(name.clone(), Known { look, since, handed: same.is_some() });
+            let signature = Look::at(&signature_file(&path));
+            let same_file = self.known.get(&name).copied().filter(|known| known.look == look);
+            let since = same_file.map_or_else(Instant::now, |known| known.since);
+            let same = same_file.filter(|known| known.signature == signature);
+            self.known.insert(name.clone(), Known { look, signature, since, handed: same.is_some() });
             if same.is_some_and(|known| !known.handed) {
                 reading.settled.push(Settled { name, path, look, since });
             }
@@ -242,6 +249,28 @@ mod tests {
         std::fs::File::options().write(true).open(&file).unwrap().set_modified(date).unwrap();
         assert!(names(&watcher.read()).is_empty(), "it is seen to have changed");
         assert_eq!(names(&watcher.read()), ["first"]);
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// Signed after it was published, as the refusal of one without a signature asks for.
+    #[test]
+    fn a_signature_that_comes_or_changes_has_its_file_looked_at_again() {
+        let folder = folder("signed");
+        let mut watcher = Watcher::new(folder.clone());
+        let (file, signature) = (folder.join("first.onnx"), folder.join("first.onnx.minisig"));
+        std::fs::write(&file, b"one").unwrap();
+        watcher.read();
+        let unsigned = watcher.read().settled.remove(0);
+        for text in ["half a sig", "half a signature, and the rest"] {
+            std::fs::write(&signature, text).unwrap();
+            assert!(names(&watcher.read()).is_empty(), "it is seen to have changed");
+            let again = watcher.read();
+            assert_eq!(again.settled, std::slice::from_ref(&unsigned), "the file itself is as it was, {text}");
+            assert!(names(&watcher.read()).is_empty(), "handed out once");
+        }
+        std::fs::remove_file(&signature).unwrap();
+        watcher.read();
+        assert_eq!(names(&watcher.read()), ["first"], "nor is one that is gone any more what was looked at");
         std::fs::remove_dir_all(&folder).unwrap();
     }
 

@@ -7,6 +7,7 @@ use clap::Args;
 use controller::config::Safety;
 use controller::daemon::contracts;
 use policy::Links;
+use proto::emulator::load_for_loop;
 use serde_json::json;
 
 use super::Failure;
@@ -27,7 +28,7 @@ pub(crate) struct CheckPolicy {
 
 impl CheckPolicy {
     pub(super) fn run(self) -> Result<(), Failure> {
-        let rig = proto::rig_file::load(&self.rig).map_err(Failure::input)?;
+        let rig = load_for_loop(&self.rig, Some("--rig")).map_err(Failure::input)?;
         let Safety { max_pos_kpa, min_neg_kpa } = Safety::default();
         let limits = Limits { max_pos_kpa, min_neg_kpa };
         let examiner = Examiner::new(contracts().into(), SignatureRule::None, &rig, limits)
@@ -127,4 +128,26 @@ fn sound_json(admitted: &Admitted, rig: &str, behind: Option<&Standing>) -> serd
         "behind": behind,
         "inference_us": admitted.inference_us,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use model::rig::Rig;
+
+    use super::*;
+
+    #[test]
+    fn a_model_whose_sensor_leaves_the_volts_of_the_wire_is_refused_before_the_policy_is_read() {
+        let mut rig = Rig::builtin("bench").unwrap();
+        rig.sensors["sensor_neg"].range_v = [0.5, 4.5];
+        let path = std::env::temp_dir().join(format!("model-of-half-a-volt-{}.toml", std::process::id()));
+        proto::rig_file::save(&path, &rig).unwrap();
+        let check = CheckPolicy { file: "none.onnx".into(), rig: path.display().to_string(), json: false };
+        let refused = check.run();
+        std::fs::remove_file(&path).unwrap();
+        let failure = refused.unwrap_err();
+        assert_eq!(failure.status, 2);
+        let beginning = format!("{} (--rig): sensors.sensor_neg.range_v: ", path.display());
+        assert!(failure.line.starts_with(&beginning), "{}", failure.line);
+    }
 }

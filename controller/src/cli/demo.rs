@@ -24,7 +24,8 @@ use flight::{
     CodeNames, Counterpart, FlightInfo, FlightStatistics, FlightSummary, Recorded, RunYardstick, StatisticsOptions,
     Verdict, flight_report,
 };
-use proto::emulator::{Emulator, EmulatorConfig, EmulatorHandle, FaultScript, Pace, rig_and_crio};
+use model::rig::Rig;
+use proto::emulator::{Emulator, EmulatorConfig, EmulatorHandle, FaultScript, Pace, load_for_loop, rig_and_crio};
 use proto::output::check_folder;
 use proto::recording::{Attachment, read_mcap};
 
@@ -125,7 +126,7 @@ impl Demo {
                 ("seed".to_owned(), self.seed.to_string()),
             ],
             config_text: String::new(),
-            attachments: vec![self.plant()?],
+            attachments: vec![self.plant_attachment()?],
             config_file: None,
             observer: watcher(Arc::clone(&figures), self.json),
             stop,
@@ -153,7 +154,7 @@ impl Demo {
 
     /// What the feed-forward PI reaches on the same rig and reference.
     fn yardstick(&self, loaded: &daemon::Loaded) -> Result<Option<RunYardstick>, Failure> {
-        let rig = proto::rig_file::load(&self.rig).map_err(Failure::input)?;
+        let rig = self.plant()?;
         let trial = Trial {
             rig: Some(&rig),
             model: &loaded.rig,
@@ -168,9 +169,14 @@ impl Demo {
         if self.fast { flight::Pacing::Lockstep } else { flight::Pacing::Realtime }
     }
 
+    /// The rig behind the emulated cRIO.
+    fn plant(&self) -> Result<Rig, Failure> {
+        load_for_loop(&self.rig, Some("--rig")).map_err(Failure::input)
+    }
+
     /// The rig behind the emulated cRIO, as a file inside the recording.
-    fn plant(&self) -> Result<Attachment, Failure> {
-        let rig = proto::rig_file::load(&self.rig).map_err(Failure::input)?;
+    fn plant_attachment(&self) -> Result<Attachment, Failure> {
+        let rig = self.plant()?;
         let text = rig.to_toml().map_err(|e| Failure::input(format!("rig {}: {e}", self.rig)))?;
         Ok(attachment(attached::PLANT, "application/toml", text))
     }
@@ -180,8 +186,8 @@ impl Demo {
     }
 
     fn emulator(&self) -> Result<EmulatorHandle, Failure> {
-        let rig = proto::rig_file::load(&self.rig).map_err(Failure::input)?;
-        let (behind, crio) = rig_and_crio(&rig).map_err(|e| Failure::input(format!("rig {}: {e}", self.rig)))?;
+        let rig = self.plant()?;
+        let (behind, crio) = rig_and_crio(&rig).map_err(Failure::input)?;
         let faults = match &self.faults {
             Some(file) => FaultScript::read(file).map_err(Failure::input)?,
             None => FaultScript::none(),

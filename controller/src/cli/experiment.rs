@@ -10,6 +10,7 @@ use controller::config::{Config, Control};
 use controller::cycle::duty_source::ExperimentPhase;
 use controller::experiment::waiting::{Obstacles, waits_for};
 use controller::experiment::{Experiment, ExperimentError, Options, Played};
+use controller::operator::latched_conditions::LatchedConditions;
 use controller::operator::socket::is_there;
 use controller::session::session_recorder::SessionError;
 use controller::state::{Condition, State};
@@ -248,7 +249,10 @@ fn line(tick: &TickRecord, first: Option<u32>, seconds: f64) -> String {
             let found = ConditionSet::from_code_bits(tick.findings);
             let bars_arming = Memory::bars_arming(&found).filter(|_| state == State::Standby);
             // Without a daemon nobody can acknowledge.
-            waits_for(state, Obstacles { fault: Condition::from_code(tick.fault), latched: None, bars_arming })
+            waits_for(
+                state,
+                Obstacles { fault: Condition::from_code(tick.fault), waiting: LatchedConditions::NONE, bars_arming },
+            )
         }
         _ => "vents open".to_owned(),
     };

@@ -83,7 +83,7 @@ fn line(reply: &Reply, view: &ExperimentView) -> String {
     let what = match view.phase {
         Some(ExperimentPhase::Settling) => {
             let newest = reply.status.unwrap_or_default();
-            let obstacles = Obstacles { fault: newest.fault, latched: newest.latched, bars_arming: newest.bars_arming };
+            let obstacles = Obstacles { fault: newest.fault, waiting: newest.waiting, bars_arming: newest.bars_arming };
             waits_for(reply.state, obstacles)
         }
         Some(ExperimentPhase::Playing) => {

@@ -187,6 +187,7 @@ impl From<DaemonError> for Failure {
     fn from(error: DaemonError) -> Self {
         match error {
             DaemonError::Rig(_)
+            | DaemonError::Limits(_)
             | DaemonError::Unflyable { .. }
             | DaemonError::Reference(_)
             | DaemonError::Policy(_)

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use controller::replay::part_order::in_order;
 use controller::replay::run_file::RunFile;
 use controller::replay::{Replay, ReplayError};
 use proto::reference::Reference;
@@ -24,7 +25,7 @@ Example:
   controller replay recordings/run-20261120-020405.mcap"
 )]
 pub(crate) struct ReplayArgs {
-    /// Recordings (MCAP) in the order of time; one that goes on where the one before ended continues it
+    /// Recordings (MCAP) in the order of time, the parts of one run in any; one that goes on where the one before ended continues it
     #[arg(value_name = "RECORDING", required = true)]
     recordings: Vec<PathBuf>,
     /// A reference that was put in while the run went on (CSV); several in their order
@@ -52,7 +53,9 @@ impl ReplayArgs {
                     path.display()
                 )));
             }
-            replay.run(&RunFile::read(path)?)?;
+        }
+        for path in in_order(self.recordings)? {
+            replay.run(&RunFile::read(&path)?)?;
         }
         let found = replay.found();
         let first = found.first.as_ref().map(|first| {

@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use controller::config::{Config, Pacing};
 use controller::daemon::{self, Options};
+use controller::machine::signals;
 use controller::operator::console::{Admission, Throttle};
 use controller::session::run_length::{Begins, RunClock, RunLength};
 use flight::Recorded;
@@ -21,6 +22,8 @@ pub(super) fn run(file: &Path, seconds: Option<f64>) -> Result<(), Failure> {
     {
         return Err(Failure::input(format!("--seconds {s:?}: give a time above 0")));
     }
+    // Examining a policy takes seconds, in which only an order to end ends the program.
+    signals::hold_until_install().map_err(Failure::work)?;
     let (config, config_text) = Config::read_with_text(file)?;
     let loaded = daemon::load(&config)?;
     tell(format_args!(

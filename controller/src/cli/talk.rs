@@ -58,8 +58,8 @@ impl Target {
     }
 
     pub(super) fn acknowledge(&self) -> Result<(), Failure> {
-        self.ask(&Ask::Acknowledge {})?;
-        self.done("acknowledged; arm when you are ready")
+        let reply = self.ask(&Ask::Acknowledge {})?;
+        self.done(reply.done.as_deref().unwrap_or("acknowledged; arm when you are ready"))
     }
 
     pub(super) fn reference(&self, file: &Path) -> Result<(), Failure> {
@@ -108,7 +108,7 @@ impl Target {
             // The daemon has another working directory.
             let file = std::path::absolute(file).map_err(|e| Failure::input(format!("{}: {e}", file.display())))?;
             // What is wrong in a rig file that this person may read is told here, as wrong input; another is the daemon's to judge.
-            match proto::rig_file::load(&file.display().to_string()) {
+            match proto::emulator::load_for_loop(&file.display().to_string(), None) {
                 Ok(_) => {}
                 Err(RigFileError::Read { source, .. }) if source.kind() == std::io::ErrorKind::PermissionDenied => {}
                 Err(error) => return Err(Failure::input(error)),
@@ -203,8 +203,8 @@ fn print_tick(s: &Status, reply: &Reply) {
     if let Some(condition) = s.fault {
         say(format_args!("fault      {}", condition.name()));
     }
-    if let Some(condition) = s.latched {
-        say(format_args!("waiting    {}: `controller acknowledge`, then arm", condition.name()));
+    if !s.waiting.is_empty() {
+        say(format_args!("waiting    {}: `controller acknowledge`, then arm", s.waiting.names()));
     }
     if let Some(condition) = s.bars_arming {
         say(format_args!("not armed  {}", why_barred(condition)));
@@ -212,7 +212,7 @@ fn print_tick(s: &Status, reply: &Reply) {
     if let Some(experiment) = &s.experiment {
         let phase = match experiment.phase {
             ExperimentPhase::Settling => {
-                waits_for(reply.state, Obstacles { fault: s.fault, latched: s.latched, bars_arming: s.bars_arming })
+                waits_for(reply.state, Obstacles { fault: s.fault, waiting: s.waiting, bars_arming: s.bars_arming })
             }
             ExperimentPhase::Playing => "playing".to_owned(),
             ExperimentPhase::Resting => "coming to rest".to_owned(),

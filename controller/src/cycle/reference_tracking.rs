@@ -105,12 +105,12 @@ impl ReferenceTracking {
 
     /// One line about a reference that asks for more than the rig gives, by the model; before the run, not for the tick.
     pub fn beyond_reach(&self) -> Option<String> {
-        self.model_desk.beyond_reach(&self.reference)
+        self.model_desk.reach().beyond(&self.reference)
     }
 
     /// Range of the pressures that the rig can hold, by the model; before the run, not for the tick.
     pub fn reach(&self) -> Option<Reach> {
-        self.model_desk.reach()
+        self.model_desk.reach().range()
     }
 
     /// Takes in the tick and its readings, for comparisons of models, while something else decides the duties.

@@ -3,11 +3,12 @@
 use model::observation::{CHANNELS, Pair};
 use model::predict::DualPressurePorts;
 use model::rig::{Rig, RigError, Sensor};
+use proto::emulator::WIRE_V;
 
 /// Below this a sensor or its wire is broken (V); the sensors' range is 1 … 5 V.
-pub const LOWEST_V: f64 = 0.8;
+pub const LOWEST_V: f64 = WIRE_V[0];
 /// Above this a sensor or its wire is broken (V).
-pub const HIGHEST_V: f64 = 5.2;
+pub const HIGHEST_V: f64 = WIRE_V[1];
 
 /// A voltage that no sound sensor gives.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,13 +2,15 @@
 
 use supervisor::{Condition, State};
 
+use crate::operator::latched_conditions::LatchedConditions;
+
 /// Why an experiment does not begin yet.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Obstacles {
     /// Cause of the state.
     pub fault: Option<Condition>,
-    /// The worst condition that a person must acknowledge.
-    pub latched: Option<Condition>,
+    /// Conditions that a person must acknowledge.
+    pub waiting: LatchedConditions,
     /// The condition for which nothing would be armed at rest.
     pub bars_arming: Option<Condition>,
 }
@@ -16,15 +18,14 @@ pub struct Obstacles {
 /// One clause on what an experiment waits for: a session, a person, the end of a venting, rest; and what would keep it from being
 /// armed then.
 pub fn waits_for(state: State, obstacles: Obstacles) -> String {
-    let Obstacles { fault, latched, bars_arming } = obstacles;
-    let first = match (state, latched, fault) {
-        (State::Init | State::Connect, Some(condition), _) => {
-            format!("waiting for a session with the cRIO and for `controller acknowledge` ({})", condition.name())
+    let Obstacles { fault, waiting, bars_arming } = obstacles;
+    let acknowledged = (!waiting.is_empty()).then(|| format!("`controller acknowledge` ({})", waiting.names()));
+    let first = match (state, acknowledged, fault) {
+        (State::Init | State::Connect, Some(person), _) => {
+            format!("waiting for a session with the cRIO and for {person}")
         }
         (State::Init | State::Connect, None, _) => "waiting for a session with the cRIO".to_owned(),
-        (State::Vent | State::Fault, Some(condition), _) => {
-            format!("waiting for `controller acknowledge` ({})", condition.name())
-        }
+        (State::Vent | State::Fault, Some(person), _) => format!("waiting for {person}"),
         (State::Vent | State::Fault, None, Some(condition)) => {
             format!("waiting for standby, vented now ({})", condition.name())
         }
@@ -55,9 +56,13 @@ mod tests {
     #[test]
     fn what_waits_for_a_person_says_so() {
         let tripped = Some(Condition::CrioTripped);
+        let waiting = LatchedConditions::of([Condition::CrioTripped, Condition::SensorNegative]);
         for state in [State::Vent, State::Fault, State::Connect] {
-            let told = waits_for(state, Obstacles { fault: tripped, latched: tripped, bars_arming: None });
-            assert!(told.contains("for `controller acknowledge` (cRIO tripped)"), "{state:?}: {told}");
+            let told = waits_for(state, Obstacles { fault: tripped, waiting, bars_arming: None });
+            assert!(
+                told.contains("for `controller acknowledge` (cRIO tripped, negative sensor broken)"),
+                "{state:?}: {told}"
+            );
         }
     }
 }

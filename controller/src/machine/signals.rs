@@ -6,12 +6,15 @@
 //! | `HUP` | reads the configuration again |
 //! | `USR1`, `USR2`, `QUIT`, `ALRM`, `VTALRM`, `PROF`, `IO`, `TSTP`, `TTIN`, `TTOU`, `XFSZ`, `PIPE` | nothing; all but the last two are told |
 //!
+//! A program that takes seconds to start holds them from its first line on ([`hold_until_install`]): until it runs, only those that end
+//! a run do what they do by default, and the rest waits.
+//!
 //! `XCPU` comes from systemd's LimitRTTIME when a real-time thread never waits. `TSTP` would stop the tick with the rig
 //! armed. `XFSZ` and `PIPE` come with an error of the write that caused them, which is handled there.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use signal_hook::consts::{
     SIGALRM, SIGHUP, SIGINT, SIGIO, SIGPIPE, SIGPROF, SIGQUIT, SIGTERM, SIGTSTP, SIGTTIN, SIGTTOU, SIGUSR1, SIGUSR2,
@@ -40,7 +43,30 @@ const SILENT: [i32; 2] = [SIGXFSZ, SIGPIPE];
 /// Set by the first signal that ends a run, for good; empty before handlers are installed.
 static ORDERED_TO_STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
-/// Whether a signal has asked this process to end.
+/// Signals that came since they are held; taken over by what is installed.
+static HELD: Mutex<Option<Pending>> = Mutex::new(None);
+
+/// Has signals that end no run wait for [`Signals::install`]; those that end a run still end the program at once, for nothing has begun
+/// yet.
+///
+/// # Errors
+/// If the system refuses a handler.
+pub fn hold_until_install() -> io::Result<()> {
+    let pending = waiting()?;
+    *HELD.lock().unwrap_or_else(PoisonError::into_inner) = Some(pending);
+    Ok(())
+}
+
+/// Installs handlers for all signals that do not end a run.
+fn waiting() -> io::Result<Pending> {
+    for signal in SILENT {
+        // Nobody looks at this flag: a signal with a handler does not end the program.
+        signal_hook::flag::register(signal, Arc::new(AtomicBool::new(false)))?;
+    }
+    Pending::new(std::iter::once(SIGHUP).chain(TOLD.iter().map(|(number, _)| *number)))
+}
+
+/// Tells whether a signal has asked this process to end.
 pub fn ordered_to_stop() -> bool {
     ORDERED_TO_STOP.get().is_some_and(|ordered| ordered.load(Ordering::Relaxed))
 }
@@ -72,12 +98,10 @@ impl Signals {
             signal_hook::flag::register(signal, Arc::clone(stop))?;
             signal_hook::flag::register(signal, Arc::clone(ordered))?;
         }
-        for signal in SILENT {
-            // Nobody looks at this flag: a signal with a handler does not end the program.
-            signal_hook::flag::register(signal, Arc::new(AtomicBool::new(false)))?;
-        }
-        let told = TOLD.iter().map(|(number, _)| *number);
-        Ok(Signals { pending: Pending::new(STOPS.into_iter().chain([SIGHUP]).chain(told))? })
+        let held = HELD.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let pending = held.map_or_else(waiting, Ok)?;
+        STOPS.iter().try_for_each(|signal| pending.add_signal(*signal))?;
+        Ok(Signals { pending })
     }
 
     /// What came since the last call; does not wait.

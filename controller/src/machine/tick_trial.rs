@@ -11,12 +11,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 use flight::Recorded;
 use flight::duration_histogram::DurationHistogram;
 use proto::emulator::{Emulator, EmulatorConfig, EmulatorError, Pace, rig_and_crio};
+use supervisor::{ConditionSet, Memory};
 
 use crate::config::{Config, Pacing};
 use crate::daemon::{self, DaemonError, Loaded, Options};
 use crate::session::pacing::COMMAND_DEADLINE_NS;
 use crate::session::run_length::{Begins, RunClock, RunLength};
-use crate::state::State;
+use crate::state::{Condition, State};
 
 /// Length of the trial, in s of the plant's time: a thousand ticks, so that the slowest in a thousand is among them.
 const SECONDS: f64 = 20.0;
@@ -40,19 +41,38 @@ pub enum TrialError {
 pub struct TickTrial {
     /// Ticks in which the pressures were controlled.
     pub ticks: u64,
+    /// Times of these; absent where there were none.
+    #[serde(flatten)]
+    pub times: Option<TickTimes>,
+    /// Time after which a command counts as late, in ms.
+    pub deadline_ms: f64,
+    /// Ticks after which both vents were opened for a fault.
+    pub vented: u64,
+    /// The condition that they were first opened for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fault: Option<Condition>,
+    /// The condition that last kept the rig from being armed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bars_arming: Option<Condition>,
+}
+
+/// Times of ticks.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct TickTimes {
     /// Computation of a tick, frame in hand to command sent, in ms: half of the ticks take less.
     pub p50_ms: f64,
     /// 999 of 1,000 take less.
     pub p999_ms: f64,
     /// The slowest.
     pub max_ms: f64,
-    /// Time after which a command counts as late, in ms.
-    pub deadline_ms: f64,
-    /// Ticks after which both vents were opened for a fault.
-    pub vented: u64,
 }
 
 impl TickTrial {
+    /// Tells whether the pressures were controlled, and nothing was vented for a fault.
+    pub fn is_good(&self) -> bool {
+        self.ticks > 0 && self.vented == 0
+    }
+
     /// Runs a configuration; takes a second or two.
     ///
     /// # Errors
@@ -100,6 +120,8 @@ fn scratch() -> PathBuf {
 struct Seen {
     times: DurationHistogram,
     vented: u64,
+    fault: Option<Condition>,
+    bars_arming: Option<Condition>,
 }
 
 impl Seen {
@@ -109,18 +131,55 @@ impl Seen {
             self.times.add(u64::from(tick.compute_ns));
         } else if tick.fault != 0 {
             self.vented += 1;
+            self.fault = self.fault.or(Condition::from_code(tick.fault));
+        }
+        if tick.state == State::Standby.code() {
+            self.bars_arming = Memory::bars_arming(&ConditionSet::from_code_bits(tick.findings));
         }
     }
 
     fn trial(&self) -> TickTrial {
-        let ms = |ns: Option<u64>| ns.map_or(0.0, |ns| ns as f64 * 1e-6);
+        let ms = |ns: u64| ns as f64 * 1e-6;
+        let times = || {
+            Some(TickTimes {
+                p50_ms: ms(self.times.percentile_ns(0.5)?),
+                p999_ms: ms(self.times.percentile_ns(0.999)?),
+                max_ms: ms(self.times.max_ns()?),
+            })
+        };
         TickTrial {
             ticks: self.times.total(),
-            p50_ms: ms(self.times.percentile_ns(0.5)),
-            p999_ms: ms(self.times.percentile_ns(0.999)),
-            max_ms: ms(self.times.max_ns()),
-            deadline_ms: ms(Some(COMMAND_DEADLINE_NS)),
+            times: times(),
+            deadline_ms: ms(COMMAND_DEADLINE_NS),
             vented: self.vented,
+            fault: self.fault,
+            bars_arming: self.bars_arming,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proto::recording::TickRecord;
+
+    use super::*;
+
+    fn standby(conditions: &[Condition]) -> TickRecord {
+        let mut found = ConditionSet::EMPTY;
+        conditions.iter().for_each(|condition| found.insert(*condition, 0.0));
+        TickRecord { state: State::Standby.code(), findings: found.code_bits(), ..TickRecord::default() }
+    }
+
+    #[test]
+    fn what_keeps_the_rig_from_being_armed_is_named() {
+        let mut seen = Seen::default();
+        seen.take(Recorded::Tick(&standby(&[Condition::NotRecorded])));
+        // The end of the session bars nothing that was not barred before.
+        seen.take(Recorded::Tick(&TickRecord { state: State::Connect.code(), ..TickRecord::default() }));
+        let trial = seen.trial();
+        assert!(!trial.is_good());
+        assert_eq!((trial.fault, trial.bars_arming), (None, Some(Condition::NotRecorded)));
+        seen.take(Recorded::Tick(&standby(&[])));
+        assert_eq!(seen.trial().bars_arming, None, "what is over is no reason");
     }
 }

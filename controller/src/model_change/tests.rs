@@ -19,7 +19,7 @@ fn flown(tick: u32) -> Sample {
 fn change(tick: &ModelTickEnd, desk: &ModelDesk, file: &Path, state: State) -> Result<String, String> {
     let changing = {
         let (desk, file) = (desk.clone(), file.to_owned());
-        std::thread::spawn(move || desk.change(&file, &Permit::unlimited()))
+        std::thread::spawn(move || desk.change(&file, Safety::default(), &Permit::unlimited()))
     };
     while !changing.is_finished() {
         if let Some(change) = tick.take(state) {
@@ -62,5 +62,22 @@ fn at_rest_only_what_is_far_off_is_refused() {
     (0..700).for_each(|number| tick.keep(flown(number)));
     let line = change(&tick, &desk, &file, State::Run).unwrap();
     assert!(line.contains("hardly moved"), "{line}");
+    std::fs::remove_file(file).unwrap();
+}
+
+/// A pressure beyond a limit vents in the same tick only where the sensor shows it.
+#[test]
+fn a_model_whose_sensor_ends_before_a_limit_is_refused() {
+    let nominal = Rig::builtin("dual_pressure").unwrap();
+    let mut short = nominal.clone();
+    // The same volts at each pressure, up to 110 kPa.
+    let sensor = &mut short.sensors["sensor_pos"];
+    (sensor.range_kpa_gauge, sensor.range_v) = ([0.0, 110.0], [1.0, 1.44]);
+    let file = std::env::temp_dir().join(format!("short-range-{}.toml", std::process::id()));
+    std::fs::write(&file, short.to_toml().unwrap()).unwrap();
+    let (tick, desk) = ends(&nominal, Arc::new(SteadyMap::new(&nominal).unwrap()));
+    let refused = change(&tick, &desk, &file, State::Standby).unwrap_err();
+    assert!(refused.contains("safety.max_pos_kpa = 160 kPa") && refused.contains("ends at 110 kPa"), "{refused}");
+    assert_eq!(desk.put_in(), None);
     std::fs::remove_file(file).unwrap();
 }

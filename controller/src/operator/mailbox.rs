@@ -3,20 +3,28 @@
 //! A request is never carried out late. Each has a ticket with a time until which it counts; the tick takes it by one
 //! atomic exchange, and whoever asked can withdraw it by another until then, so that a request is either carried out or
 //! provably never will be. Disarming has a way of its own that is never full, never expires, and takes every request
-//! before it out of force.
+//! before it out of force: also one that takes work before it gets its ticket, which says what had stopped the rig when it was
+//! asked for ([`Stops`]).
 
+use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crossbeam::queue::ArrayQueue;
-use handover::{ExplorationRules, ExplorationShown};
-use proto::reference::Reference;
+use handover::ExplorationShown;
 use serde::{Deserialize, Serialize};
 use supervisor::{Condition, State};
 
 use crate::cycle::duty_source::ExperimentProgress;
 use crate::experiment::open_loop_playback::OpenLoopPlayback;
 use crate::machine::clock::now_ns;
+use crate::operator::latched_conditions::LatchedConditions;
+use crate::operator::stops::VentedLooks;
+
+pub use crate::operator::stops::{Stop, Stops};
+pub use request::{Request, Spent};
+
+mod request;
 
 /// Requests that may wait for the tick.
 const MOST_WAITING: usize = 8;
@@ -37,6 +45,9 @@ pub struct Status {
     /// Worst condition that waits for `controller acknowledge`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub latched: Option<Condition>,
+    /// All conditions that wait for it.
+    #[serde(default, skip_serializing_if = "is_nothing")]
+    pub waiting: LatchedConditions,
     /// When the newest frame came, ns of the daemon's monotonic clock; 0 before the first. The pressures are that old.
     #[serde(default)]
     pub received_ns: u64,
@@ -75,41 +86,17 @@ pub struct Status {
     pub exploration: Option<ExplorationShown>,
 }
 
-/// What the operator wants.
-#[derive(Debug)]
-pub enum Request {
-    /// Control the pressures.
-    Arm,
-    /// Open the vents.
-    Disarm,
-    /// What was wrong has been looked at; what still holds goes on waiting.
-    Acknowledge,
-    /// Follow another reference.
-    Reference(Box<Reference>),
-    /// Play an experiment, and go on afterwards.
-    Experiment(Box<OpenLoopPlayback>),
-    /// Explore around the active policy, or no more.
-    Explore(Option<ExplorationRules>),
+fn is_nothing(waiting: &LatchedConditions) -> bool {
+    waiting.is_empty()
 }
 
-/// What the tick must not free.
-#[derive(Debug)]
-pub enum Spent {
-    /// A reference that is no longer followed, or never was.
-    Reference(Box<Reference>),
-    /// An experiment that was not begun.
-    Experiment(Box<OpenLoopPlayback>),
-}
-
-impl Request {
-    /// What a request that is not carried out leaves to be freed.
-    fn spent(self) -> Option<Spent> {
-        match self {
-            Request::Reference(reference) => Some(Spent::Reference(reference)),
-            Request::Experiment(playback) => Some(Spent::Experiment(playback)),
-            Request::Arm | Request::Disarm | Request::Acknowledge | Request::Explore(_) => None,
-        }
-    }
+/// Reason for which the tick is not asked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NotAsked {
+    /// Too many requests wait.
+    TooMany,
+    /// The rig was stopped after this was asked for.
+    Stopped(Stop),
 }
 
 /// The number of a request.
@@ -123,22 +110,36 @@ pub enum Fate {
     Waiting,
     /// The tick has taken it.
     Taken,
-    /// It was withdrawn, came too late, or a disarming came after it: the tick never takes it.
+    /// It was withdrawn or came too late: the tick never takes it.
     Withdrawn,
+    /// A stop came after it with which it falls: the tick never takes it.
+    Fell,
 }
 
 /// A request on its way.
 struct Order {
     request: Request,
     ticket: u64,
+    /// What had stopped the rig when it was asked for.
+    since: Stops,
     /// Daemon's monotonic clock (ns) after which it no longer counts.
     expires_ns: u64,
 }
 
+/// A status as the tick has shown it.
+#[derive(Debug, Clone, Copy)]
+pub struct Shown {
+    /// The status.
+    pub status: Status,
+    /// Time at which it was shown, monotonic clock (ns).
+    pub at_ns: u64,
+    /// The last request that the tick had taken or passed over by then.
+    pub through: Ticket,
+}
+
 /// What both sides share.
 struct Shared {
-    /// The newest status with the time at which it was shown, monotonic clock (ns).
-    status: ArrayQueue<(Status, u64)>,
+    status: ArrayQueue<Shown>,
     orders: ArrayQueue<Order>,
     retired: ArrayQueue<Spent>,
     /// Experiments that are over, on their way back.
@@ -148,18 +149,32 @@ struct Shared {
     disarm: AtomicBool,
     /// Tickets up to this one were asked for before the last disarming.
     disarmed_through: AtomicU64,
-    /// The last ticket given out; the lock is only ever taken by those who ask.
-    last_ticket: Mutex<u64>,
+    vented: VentedLooks,
+    /// The last ticket given out, and how often it was disarmed; the lock is only ever taken by those who ask.
+    asked: Mutex<AskedSoFar>,
+}
+
+/// Counts of those who ask.
+#[derive(Debug, Clone, Copy, Default)]
+struct AskedSoFar {
+    last_ticket: u64,
+    disarmings: u64,
 }
 
 const WAITING: u64 = 0;
 const TAKEN: u64 = 1;
 const WITHDRAWN: u64 = 2;
+const FELL: u64 = 3;
 
 impl Shared {
     fn place(&self, ticket: u64) -> &AtomicU64 {
         // The remainder is below the array's length.
         &self.fates[(ticket % PLACES as u64) as usize]
+    }
+
+    /// The stop that came after these, where one did.
+    fn stop_since(&self, since: Stops, disarmings: u64) -> Option<Stop> {
+        if since.disarmings != disarmings { Some(Stop::Disarmed) } else { self.vented.since(since) }
     }
 
     /// From waiting to `fate`; `false` if it no longer waits.
@@ -173,6 +188,8 @@ impl Shared {
 /// The tick's side.
 pub struct TickMailbox {
     shared: Arc<Shared>,
+    /// The last request that was taken or passed over.
+    through: Cell<u64>,
 }
 
 /// The operator's side.
@@ -191,9 +208,10 @@ pub fn mailbox() -> (TickMailbox, OperatorMailbox) {
         fates: std::array::from_fn(|_| AtomicU64::new(WITHDRAWN)),
         disarm: AtomicBool::new(false),
         disarmed_through: AtomicU64::new(0),
-        last_ticket: Mutex::new(0),
+        vented: VentedLooks::default(),
+        asked: Mutex::default(),
     });
-    (TickMailbox { shared: Arc::clone(&shared) }, OperatorMailbox { shared })
+    (TickMailbox { shared: Arc::clone(&shared), through: Cell::new(0) }, OperatorMailbox { shared })
 }
 
 impl TickMailbox {
@@ -202,12 +220,13 @@ impl TickMailbox {
     /// # Real-time
     /// Runs in the tick: lock-free, allocation-free.
     pub fn show(&self, status: Status) {
-        self.shared.status.force_push((status, now_ns()));
+        self.show_as_of(status, now_ns());
     }
 
     /// Shows a status whose data is as old as this time, monotonic clock (ns): there is no session.
     pub fn show_as_of(&self, status: Status, at_ns: u64) {
-        self.shared.status.force_push((status, at_ns));
+        self.shared.vented.count(&status);
+        self.shared.status.force_push(Shown { status, at_ns, through: Ticket(self.through.get()) });
     }
 
     /// The next request that still counts, if there is one; disarming comes first.
@@ -224,8 +243,17 @@ impl TickMailbox {
                 return None;
             }
             let order = self.shared.orders.pop()?;
-            let overruled = order.ticket <= self.shared.disarmed_through.load(Ordering::Acquire);
-            let fate = if overruled || now_ns() > order.expires_ns { WITHDRAWN } else { TAKEN };
+            self.through.set(order.ticket);
+            let vented = order.request.falls_with_venting() && self.shared.vented.since(order.since).is_some();
+            let overruled = vented || order.ticket <= self.shared.disarmed_through.load(Ordering::Acquire);
+            let late = now_ns() > order.expires_ns;
+            let fate = if overruled {
+                FELL
+            } else if late {
+                WITHDRAWN
+            } else {
+                TAKEN
+            };
             if self.shared.settle(order.ticket, fate) && fate == TAKEN {
                 return Some(order.request);
             }
@@ -258,23 +286,49 @@ impl TickMailbox {
 }
 
 impl OperatorMailbox {
-    /// The status since the last call with the time it was shown at, monotonic clock (ns), if a tick has passed.
-    pub fn status(&self) -> Option<(Status, u64)> {
+    /// The newest status that was shown since the last call, if a tick has passed.
+    pub fn status(&self) -> Option<Shown> {
         self.shared.status.pop()
     }
 
-    /// Puts a request to the tick, for as long as it counts; `None` if too many wait.
-    pub fn ask(&self, request: Request, counts_until_ns: u64) -> Option<Ticket> {
+    /// All that has stopped the rig so far.
+    pub fn stops(&self) -> Stops {
+        let disarmings = self.asked().disarmings;
+        Stops { disarmings, vented_looks: self.shared.vented.looks() }
+    }
+
+    /// The stop that came after these, where one did.
+    pub fn stop_since(&self, since: Stops) -> Option<Stop> {
+        let disarmings = self.asked().disarmings;
+        self.shared.stop_since(since, disarmings)
+    }
+
+    /// Puts a request to the tick, for as long as it counts; `since` are the stops by the time at which somebody asked for it.
+    ///
+    /// # Errors
+    /// Too many wait, or a stop came after it was asked for with which it falls.
+    pub fn ask(&self, request: Request, counts_until_ns: u64, since: Stops) -> Result<Ticket, NotAsked> {
         while self.shared.retired.pop().is_some() {}
-        let mut last = self.shared.last_ticket.lock().unwrap_or_else(PoisonError::into_inner);
-        if self.shared.orders.is_full() {
-            return None;
+        // Under the lock of disarming: none comes between this look and the ticket.
+        let mut asked = self.asked();
+        match self.shared.stop_since(since, asked.disarmings) {
+            Some(Stop::Vented(_)) if !request.falls_with_venting() => {}
+            Some(stop) => return Err(NotAsked::Stopped(stop)),
+            None => {}
         }
-        let ticket = *last + 1;
+        if self.shared.orders.is_full() {
+            return Err(NotAsked::TooMany);
+        }
+        let ticket = asked.last_ticket + 1;
         self.shared.place(ticket).store(ticket << 2 | WAITING, Ordering::Release);
-        self.shared.orders.push(Order { request, ticket, expires_ns: counts_until_ns }).ok()?;
-        *last = ticket;
-        Some(Ticket(ticket))
+        let order = Order { request, ticket, since, expires_ns: counts_until_ns };
+        self.shared.orders.push(order).map_err(|_| NotAsked::TooMany)?;
+        asked.last_ticket = ticket;
+        Ok(Ticket(ticket))
+    }
+
+    fn asked(&self) -> MutexGuard<'_, AskedSoFar> {
+        self.shared.asked.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The experiment that is over, once the tick has handed it back.
@@ -284,8 +338,9 @@ impl OperatorMailbox {
 
     /// Disarms at the next tick, whenever that comes, and takes every request before it out of force.
     pub fn disarm(&self) {
-        let last = self.shared.last_ticket.lock().unwrap_or_else(PoisonError::into_inner);
-        self.shared.disarmed_through.store(*last, Ordering::Release);
+        let mut asked = self.asked();
+        asked.disarmings += 1;
+        self.shared.disarmed_through.store(asked.last_ticket, Ordering::Release);
         self.shared.disarm.store(true, Ordering::Release);
     }
 
@@ -302,85 +357,16 @@ impl OperatorMailbox {
             _ if now >> 2 != ticket.0 => Fate::Withdrawn,
             WAITING => Fate::Waiting,
             TAKEN => Fate::Taken,
+            FELL => Fate::Fell,
             _ => Fate::Withdrawn,
         }
     }
 
     /// Withdraws a request; `false` if the tick has taken it already.
     pub fn withdraw(&self, ticket: Ticket) -> bool {
-        self.shared.settle(ticket.0, WITHDRAWN) || self.fate(ticket) == Fate::Withdrawn
+        self.shared.settle(ticket.0, WITHDRAWN) || self.fate(ticket) != Fate::Taken
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const FAR: u64 = u64::MAX;
-
-    #[test]
-    fn a_request_is_taken_once_or_never() {
-        let (tick, desk) = mailbox();
-        let taken = desk.ask(Request::Arm, FAR).unwrap();
-        assert_eq!(desk.fate(taken), Fate::Waiting);
-        assert!(matches!(tick.request(), Some(Request::Arm)));
-        assert_eq!(desk.fate(taken), Fate::Taken);
-        assert!(!desk.withdraw(taken), "it cannot be had back");
-        let withdrawn = desk.ask(Request::Arm, FAR).unwrap();
-        assert!(desk.withdraw(withdrawn) && desk.withdraw(withdrawn));
-        assert!(tick.request().is_none());
-        assert_eq!(desk.fate(withdrawn), Fate::Withdrawn);
-    }
-
-    #[test]
-    fn what_comes_too_late_is_dropped_and_its_memory_handed_back() {
-        let (tick, desk) = mailbox();
-        let ticket = desk.ask(Request::Reference(Box::new(Reference::constant(80.0, -70.0))), 1).unwrap();
-        assert!(tick.request().is_none());
-        assert_eq!((desk.fate(ticket), tick.shared.retired.len()), (Fate::Withdrawn, 1));
-    }
-
-    #[test]
-    fn disarming_needs_no_room_and_overrules_what_was_asked_before_it() {
-        let (tick, desk) = mailbox();
-        let before: Vec<Ticket> = (0..MOST_WAITING).map(|_| desk.ask(Request::Arm, FAR).unwrap()).collect();
-        assert!(desk.ask(Request::Arm, FAR).is_none(), "full");
-        desk.disarm();
-        assert!(desk.disarm_waits());
-        assert!(matches!(tick.request(), Some(Request::Disarm)));
-        assert!(!desk.disarm_waits());
-        assert!(tick.request().is_none(), "an arming asked for before the disarming must not follow it");
-        assert!(before.iter().all(|ticket| desk.fate(*ticket) == Fate::Withdrawn));
-        desk.ask(Request::Arm, FAR).unwrap();
-        assert!(matches!(tick.request(), Some(Request::Arm)), "asked for after it");
-    }
-
-    /// Two threads race for each of many tickets: exactly one of them gets it.
-    #[test]
-    fn tick_and_withdrawal_never_both_win() {
-        let (tick, desk) = mailbox();
-        let mut taken = 0_u32;
-        std::thread::scope(|scope| {
-            let asking = scope.spawn(|| {
-                let mut withdrawn = 0_u32;
-                for _ in 0..20_000 {
-                    let ticket = loop {
-                        if let Some(ticket) = desk.ask(Request::Arm, FAR) {
-                            break ticket;
-                        }
-                        std::thread::yield_now();
-                    };
-                    withdrawn += u32::from(desk.withdraw(ticket));
-                }
-                withdrawn
-            });
-            while !asking.is_finished() {
-                taken += u32::from(tick.request().is_some());
-            }
-            while tick.request().is_some() {
-                taken += 1;
-            }
-            assert_eq!(taken + asking.join().unwrap(), 20_000);
-        });
-    }
-}
+mod tests;

@@ -8,6 +8,8 @@
 //! | [`running`] | names of what the daemon runs with |
 //! | [`peer`] | who asks |
 //! | [`mailbox`] | between the tick and everybody else |
+//! | `stops` | what has stopped the rig, counted |
+//! | [`latched_conditions`] | what waits for a person |
 //! | [`desk`] | requests examined and carried out |
 //! | [`notice`] | what the tick has to tell, without text |
 //! | [`fault_text`] | each condition in words |
@@ -18,6 +20,7 @@ pub(crate) mod bound_socket;
 pub mod console;
 pub mod desk;
 pub mod fault_text;
+pub mod latched_conditions;
 pub mod mailbox;
 pub mod notice;
 pub mod operator_protocol;
@@ -25,3 +28,4 @@ pub mod peer;
 pub mod reference_limits;
 pub mod running;
 pub mod socket;
+mod stops;

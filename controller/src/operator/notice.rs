@@ -8,6 +8,7 @@ use proto::recording::EventLevel;
 use supervisor::Condition;
 
 use crate::operator::fault_text::{vented, what_next};
+use crate::operator::latched_conditions::LatchedConditions;
 
 pub use crate::operator::fault_text::{fault_name, fault_text, why_barred};
 pub use crate::session::attribution::MissCause;
@@ -88,14 +89,16 @@ pub enum Notice {
         /// Tick.
         tick: u32,
     },
-    /// A person acknowledged, and it is still wrong.
+    /// A person acknowledged, and something is still wrong.
     StillHolds {
-        /// What.
+        /// The worst of it.
         condition: Condition,
         /// Tick.
         tick: u32,
         /// The number behind it.
         value: f64,
+        /// Conditions that no longer wait.
+        released: LatchedConditions,
     },
     /// Frames came too seldom.
     FramesScarce {
@@ -214,8 +217,8 @@ impl Notice {
             }
             Notice::Returned { tick } => (14, [f64::from(tick), 0.0, 0.0, 0.0]),
             Notice::Acknowledged { tick } => (15, [f64::from(tick), 0.0, 0.0, 0.0]),
-            Notice::StillHolds { condition, tick, value } => {
-                (16, [f64::from(tick), f64::from(condition.code()), value, 0.0])
+            Notice::StillHolds { condition, tick, value, released } => {
+                (16, [f64::from(tick), f64::from(condition.code()), value, released.to_number()])
             }
             Notice::FramesScarce { tick, missing } => (17, [f64::from(tick), f64::from(missing), 0.0, 0.0]),
             Notice::NotRecorded { tick } => (30, [f64::from(tick), 0.0, 0.0, 0.0]),
@@ -336,7 +339,13 @@ pub fn sentence(event: &Event) -> String {
         13 => format!("the fallback alone controls from tick {a:.0} on: {}", fault_text(b as u16, c)),
         14 => format!("the policy controls again {at}"),
         15 => format!("acknowledged {at}; arm when you are ready"),
-        16 => format!("acknowledged {at}, but it still holds: {}", fault_text(b as u16, c)),
+        16 => match LatchedConditions::from_number(d) {
+            LatchedConditions::NONE => format!("acknowledged {at}, but it still holds: {}", fault_text(b as u16, c)),
+            released => {
+                let (released, holds) = (released.names(), fault_text(b as u16, c));
+                format!("acknowledged {at}: {released}; still waits, for it still holds: {holds}")
+            }
+        },
         17 => format!("frames are scarce {at}: {}", fault_text(Condition::FramesScarce.code(), b)),
         30 => format!("not armed by itself {at}: {}", fault_text(Condition::NotRecorded.code(), 0.0)),
         18 => format!("the session ended {at}: {}; the rig stays vented", fault_name(b as u16)),
@@ -365,5 +374,16 @@ mod tests {
             assert!(line.contains("tick 7") && !line.contains('\n') && !line.contains("event "), "{line}");
             assert!(seen.insert(line.clone()) || *condition == Condition::FramesMissing, "twice: {line}");
         }
+    }
+
+    #[test]
+    fn an_acknowledgement_that_released_something_says_what() {
+        let line = |released| {
+            let condition = Condition::SensorNegative;
+            sentence(&Notice::StillHolds { condition, tick: 7, value: 0.5, released }.event(0))
+        };
+        let released = line(LatchedConditions::of([Condition::CrioTripped]));
+        assert!(released.contains("tick 7: cRIO tripped; still waits") && released.contains("0.5"), "{released}");
+        assert!(line(LatchedConditions::NONE).contains("but it still holds: "));
     }
 }

@@ -23,10 +23,14 @@ use crate::state::State;
 pub const REQUEST_TIME: Duration = Duration::from_millis(1000);
 /// Time that a request may take from the tick's next look to its effect.
 pub const EFFECT_TIME: Duration = Duration::from_millis(500);
-/// Time that the cRIO may take to report both vents open once they are commanded: some ticks, on a machine that is busy.
+/// Time that what a tick has taken may take to be shown: that the cRIO reports both vents open once they are commanded, or what an
+/// acknowledgement released. Some ticks, on a machine that is busy.
 pub const ECHO_TIME: Duration = Duration::from_millis(1000);
 /// Time that reading and checking a reference may take.
 pub const READ_TIME: Duration = Duration::from_millis(1500);
+/// Time that whoever puts a reference in, or arms, waits to be told whether the rig reaches it: some tenths of a second are usual, and
+/// the order itself is carried out before.
+pub const REACH_TIME: Duration = Duration::from_millis(2000);
 /// Time that loading a policy, comparing a model or checking an experiment may take: half a minute was seen on two busy
 /// cores, and four times that is still a machine that answers.
 pub const WORK_TIME: Duration = Duration::from_secs(120);
@@ -109,9 +113,10 @@ impl Ask {
     pub fn answer_time(&self) -> Duration {
         match self {
             Ask::Status {} | Ask::Policies {} | Ask::Rollback {} => EFFECT_TIME,
-            Ask::Arm {} | Ask::Acknowledge {} | Ask::Explore { .. } => EFFECT_TIME,
-            Ask::Disarm {} => EFFECT_TIME + ECHO_TIME,
-            Ask::Reference { .. } => READ_TIME + EFFECT_TIME,
+            Ask::Explore { .. } => EFFECT_TIME,
+            Ask::Arm {} => EFFECT_TIME + REACH_TIME,
+            Ask::Acknowledge {} | Ask::Disarm {} => EFFECT_TIME + ECHO_TIME,
+            Ask::Reference { .. } => READ_TIME + EFFECT_TIME + REACH_TIME,
             Ask::Swap { .. } | Ask::Model { .. } | Ask::Experiment { .. } => WORK_TIME + HAND_OVER_TIME,
         }
     }

@@ -103,6 +103,7 @@ impl Server {
             self.desk.tell(line);
         }
         self.desk.take_reloads();
+        self.desk.look_after_reach();
         self.desk.look_after_experiments();
         self.desk.tell_viewers();
         // A new client is read at once: what it has sent already counts before it could lose its place.

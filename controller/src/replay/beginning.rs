@@ -12,16 +12,11 @@ use crate::cycle::Cycle;
 use crate::daemon::contracts;
 use crate::experiment::pump_relay::PumpRelay;
 
-/// Number of a recording among those of its run, from 1.
-pub(super) fn part(run: &RunFile) -> u32 {
-    run.content.metadata.get("part").and_then(|part| part.parse().ok()).unwrap_or(1)
-}
-
 /// The error of a recording that does not hold the beginning of its run.
 pub(super) fn no_beginning(run: &RunFile) -> ReplayError {
     match run.content.notes.first() {
         // A first part has nothing before it that could be given.
-        Some(note) if part(run) == 1 => ReplayError::Damaged { note: note.clone() },
+        Some(note) if run.part() == 1 => ReplayError::Damaged { note: note.clone() },
         _ => ReplayError::NoBeginning { file: run.path.display().to_string() },
     }
 }

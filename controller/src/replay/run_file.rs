@@ -97,6 +97,11 @@ impl RunFile {
         self.content.notes.iter().enumerate().filter(|(at, _)| !on_files.contains(at)).map(|(_, note)| note)
     }
 
+    /// Number of the recording among those of its run, from 1.
+    pub fn part(&self) -> u32 {
+        self.content.metadata.get("part").and_then(|part| part.parse().ok()).unwrap_or(1)
+    }
+
     /// Tells whether it is the recording that an experiment leaves beside that of its run.
     pub fn is_experiment_alone(&self) -> bool {
         self.content.metadata.contains_key("experiment") && self.attachment(attached::EFFECTIVE).is_none()

@@ -377,6 +377,7 @@ fn show<H: DutySource>(
         state: memory.state,
         fault: memory.cause.filter(|_| memory.state.is_vented()),
         latched: memory.latched.worst(Severity::Vent),
+        waiting: (&memory.latched).into(),
         session: link.session(),
         tick: record.tick,
         received_ns: last_heard_ns,

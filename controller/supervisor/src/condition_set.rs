@@ -91,7 +91,7 @@ impl Default for ConditionSet {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::transition::Memory;
+    use crate::memory::Memory;
 
     #[test]
     fn the_worst_is_the_last_of_the_list() {

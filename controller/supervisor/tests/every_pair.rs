@@ -2,12 +2,10 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use supervisor::condition::Latch;
-use supervisor::transition::{
-    Acknowledgement, GOOD_TICKS_AFTER_HOLD, GOOD_TICKS_AFTER_REVERT, RETURN_PERIOD_TICKS, RETURNS_PER_PERIOD,
-};
+use supervisor::transition::{GOOD_TICKS_AFTER_HOLD, GOOD_TICKS_AFTER_REVERT, RETURN_PERIOD_TICKS, RETURNS_PER_PERIOD};
 use supervisor::{
-    Actuation, Arming, Condition, ConditionSet, ControlledBy, FRAMES_TO_ARM, Inputs, Integration, Memory, Request,
-    Severity, State, Tick, Transition, next,
+    Acknowledgement, Actuation, Arming, Condition, ConditionSet, ControlledBy, FRAMES_TO_ARM, Inputs, Integration,
+    Memory, Request, Severity, State, Tick, Transition, next,
 };
 
 const TICKS: [Tick; 5] = [Tick::Frame, Tick::Missing, Tick::SessionOpened, Tick::LinkGone, Tick::Waiting];

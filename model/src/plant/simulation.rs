@@ -229,7 +229,7 @@ impl<R: Simulated> Simulation<R> {
 
     /// Sets number `index` of [`Simulation::unknowns`]; to be called after [`Simulation::start_from`] or at the start,
     /// once for each: a flapper is moved from where it lies. Another crank angle lets the cylinders of a running pump
-    /// settle anew, which takes as long as thirty ticks.
+    /// settle anew, which takes as long as 0.6 s of the run.
     pub fn set_unknown(&mut self, index: usize, value: R) {
         let plant = Arc::clone(&self.plant);
         match plant.unknowns.get(index).map(|placed| placed.slot) {

@@ -7,6 +7,7 @@
 //! | --- | --- |
 //! | `golden` | traces of other implementations, row by row |
 //! | `steady_table` | settled pressures for constant duties |
+//! | `starts` | what a free run begins with that no recording tells |
 //! | `closed_forms` | small rigs whose solution is a formula |
 //! | `crank` | piston pumps whose limit is a formula |
 //! | `thermal` | the first law in a chamber |
@@ -45,6 +46,7 @@ mod pump_mechanisms;
 mod refusals;
 mod series;
 mod small_rigs;
+mod starts;
 mod steady_table;
 mod thermal;
 mod volume_mechanisms;

@@ -7,12 +7,15 @@
 
 use model::plant::Plant;
 use model::predict::{DualPressurePorts, DualPressureRig};
-use model::rig::{Rig, RigError};
+use model::rig::{Rig, RigError, Sensor};
 
 use super::crio::CrioConfig;
 use super::pace::TICK;
 use super::sensors::SensorScale;
 use crate::rig_file::{self, RigFileError};
+
+/// Voltages (V) that a sensor of the wire gives while it and its wire are sound, both ends included; its range is 1 … 5 V.
+pub const WIRE_V: [f64; 2] = [0.8, 5.2];
 
 /// A rig advanced by one 20 ms tick per call.
 pub trait EmulatedPlant: Send {
@@ -56,13 +59,18 @@ pub fn rig_and_crio(rig: &Rig) -> Result<(DualPressureRig, CrioConfig), RigError
     check_tick(rig)?;
     let mut crio = CrioConfig::default();
     for (scale, column) in crio.scales.iter_mut().zip(DualPressurePorts::READING) {
-        if let Some(sensor) = rig.sensors.values().find(|sensor| sensor.column == column) {
+        if let Some((_, sensor)) = sensor_of(rig, column) {
             *scale = scale_of(sensor);
         }
     }
     let inputs = Plant::<f64>::new(rig)?;
     crio.pump_relay = inputs.inputs().iter().any(|input| input.column == DualPressurePorts::PUMP_ON);
     Ok((behind, crio))
+}
+
+/// Sensor that fills a column of recordings, with its name in the rig file.
+pub fn sensor_of<'r>(rig: &'r Rig, column: &str) -> Option<(&'r str, &'r Sensor)> {
+    rig.sensors.iter().find(|(_, sensor)| sensor.column == column).map(|(name, sensor)| (name.as_str(), sensor))
 }
 
 /// Refuses a rig that a loop cannot be closed over: its tick is not that of the control, the wire's 20 ms, so that it would
@@ -82,6 +90,35 @@ pub fn check_tick(rig: &Rig) -> Result<(), RigError> {
     Ok(())
 }
 
+/// Refuses a rig whose sensors leave the wire's voltages ([`WIRE_V`]) somewhere between the atmosphere and the end of their range: a
+/// daemon takes such a sensor for a broken one, at rest or on the way.
+///
+/// # Errors
+/// The range in volts, by its key.
+fn check_volts(rig: &Rig) -> Result<(), RigError> {
+    let [least_v, most_v] = WIRE_V;
+    let far_ends: [fn(f64, f64) -> f64; 2] = [f64::max, f64::min];
+    for (column, far) in DualPressurePorts::READING.into_iter().zip(far_ends) {
+        let Some((name, sensor)) = sensor_of(rig, column) else { continue };
+        let ([low_kpa, high_kpa], [low_v, high_v]) = (sensor.range_kpa_gauge, sensor.range_v);
+        let volts = |kpa: f64| low_v + (kpa - low_kpa) / (high_kpa - low_kpa) * (high_v - low_v);
+        // A straight line is inside where both its ends are.
+        for kpa in [0.0, far(far(low_kpa, high_kpa), 0.0)] {
+            // A range is written with a few digits: what is a millionth of a volt outside is at the limit.
+            if !(least_v - 1e-6..=most_v + 1e-6).contains(&volts(kpa)) {
+                return Err(RigError::at(
+                    format!("sensors.{name}.range_v"),
+                    format!(
+                        "[{low_v}, {high_v}] V puts {kpa} kPa at {} V; from the atmosphere to the end of its range a sensor of the wire gives {least_v} … {most_v} V: take one of 1 … 5 V, or convert its voltage",
+                        (volts(kpa) * 1e3).round() / 1e3
+                    ),
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
 /// Reads a rig that a loop is to be closed over, as plant or as model: a built-in one or a file, refused where it could not stand
 /// behind the wire. `given_as` says in errors how it was asked for (`--model`), where it was.
 ///
@@ -89,8 +126,8 @@ pub fn check_tick(rig: &Rig) -> Result<(), RigError> {
 /// As [`rig_file::load`], or as [`rig_and_crio`] with the file.
 pub fn load_for_loop(file: &str, given_as: Option<&str>) -> Result<Rig, RigFileError> {
     let rig = rig_file::load(file)?;
-    match rig_and_crio(&rig) {
-        Ok(_) => Ok(rig),
+    match rig_and_crio(&rig).and_then(|_| check_volts(&rig)) {
+        Ok(()) => Ok(rig),
         Err(problem) => {
             let file = given_as.map_or_else(|| file.to_owned(), |given_as| format!("{file} ({given_as})"));
             Err(RigFileError::Rig { file, problem })
@@ -99,7 +136,7 @@ pub fn load_for_loop(file: &str, given_as: Option<&str>) -> Result<Rig, RigFileE
 }
 
 /// The straight line through both ends of a sensor's range, at 1 V and 5 V.
-fn scale_of(sensor: &model::rig::Sensor) -> SensorScale {
+fn scale_of(sensor: &Sensor) -> SensorScale {
     let [low_kpa, high_kpa] = sensor.range_kpa_gauge;
     let [low_v, high_v] = sensor.range_v;
     let at = |volts: f64| low_kpa + (volts - low_v) / (high_v - low_v) * (high_kpa - low_kpa);
@@ -157,6 +194,39 @@ mod tests {
         assert_eq!(rig_and_crio(&rig).unwrap().1.scales[1], SensorScale { at_1v_kpa: -80.0, at_5v_kpa: 0.0 });
     }
 
+    /// 0 … 10 V and 0.5 … 4.5 V, as sensors are sold, are outside at rest already; what only ends outside is so on the way.
+    #[test]
+    fn sensors_whose_volts_the_wire_does_not_take_are_refused_by_name() {
+        let refused = |name: &str, kpa: [f64; 2], volts: [f64; 2]| {
+            let rig = paper(|rig| {
+                if let Some(sensor) = rig.sensors.get_mut(name) {
+                    (sensor.range_kpa_gauge, sensor.range_v) = (kpa, volts);
+                }
+            });
+            check_volts(&rig).err().map(|error| error.to_string())
+        };
+        for (name, kpa, volts, words) in [
+            ("sensor_pos", [0.0, 1000.0], [0.0, 10.0], "puts 0 kPa at 0 V"),
+            ("sensor_neg", [0.0, -101.0], [0.5, 4.5], "puts 0 kPa at 0.5 V"),
+            ("sensor_neg", [-100.0, 100.0], [0.0, 10.0], "puts -100 kPa at 0 V"),
+            ("sensor_pos", [-100.0, 100.0], [0.0, 10.0], "puts 100 kPa at 10 V"),
+            ("sensor_pos", [1000.0, 0.0], [1.0, 5.5], "puts 0 kPa at 5.5 V"),
+        ] {
+            let told = refused(name, kpa, volts).unwrap();
+            let key = format!("sensors.{name}.range_v: ");
+            assert!(told.starts_with(&key) && told.contains(words) && told.contains("0.8 … 5.2 V"), "{told}");
+        }
+        for (name, kpa, volts) in [
+            ("sensor_pos", [0.0, 1000.0], [1.0, 5.0]),
+            ("sensor_neg", [-101.0, 0.0], [5.0, 1.0]),
+            ("sensor_pos", [0.0, 500.0], [0.8, 5.2]),
+            // Of a compound sensor only the half that its chamber uses.
+            ("sensor_pos", [-100.0, 100.0], [0.0, 5.0]),
+        ] {
+            assert_eq!(refused(name, kpa, volts), None, "{name} {kpa:?} {volts:?}");
+        }
+    }
+
     #[test]
     fn a_rig_with_another_tick_is_refused_by_name() {
         let error = rig_and_crio(&paper(|rig| rig.integrator.tick_ms = 10.0)).err().unwrap();
@@ -168,7 +238,12 @@ mod tests {
         let problem = "integrator.tick_ms: a tick of 40 ms; the cRIO samples every 20 ms";
         assert_eq!(said(None), format!("{file}: {problem}"));
         assert_eq!(said(Some("--model")), format!("{file} (--model): {problem}"));
-        assert_eq!(load_for_loop("bench", None).unwrap(), Rig::builtin("bench").unwrap());
+        for name in Rig::BUILTIN {
+            assert_eq!(load_for_loop(name, None).unwrap(), Rig::builtin(name).unwrap());
+        }
+        rig_file::save(&path, &paper(|rig| rig.sensors["sensor_pos"].range_v = [0.0, 10.0])).unwrap();
+        let problem = load_for_loop(file, Some("rig.file")).unwrap_err().to_string();
+        assert!(problem.starts_with(&format!("{file} (rig.file): sensors.sensor_pos.range_v: ")), "{problem}");
         std::fs::remove_file(path).unwrap();
     }
 }

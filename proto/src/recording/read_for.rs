@@ -18,14 +18,15 @@ use model::rig::{RecordingMap, Rig};
 use crate::recording::columns::{Asked, asked, check, naming, places};
 use crate::recording::csv::{Column, ColumnData, TIME_COLUMN, rows_alone};
 use crate::recording::logger_file::sheet::Sheet;
-use crate::recording::logger_file::{file_kind, logger_text, long_format, serial_monitor, text_encoding};
+use crate::recording::logger_file::{file_kind, logger_text, long_format, second_clock, serial_monitor, text_encoding};
 use crate::recording::mcap_file::from_ticks::Broken;
 use crate::recording::recording_error::RecordingError;
-use crate::recording::rows::own_rows::OwnRows;
+use crate::recording::rows::how_read::{HowRead, readings};
+use crate::recording::rows::lost_rows::Missing;
 use crate::recording::rows::repeated::Sensors;
 use crate::recording::rows::resample::{Kind, Resampling};
 use crate::recording::rows::slower::{self, Slower};
-use crate::recording::rows::{asynchronous, lost_rows, repeated};
+use crate::recording::rows::{asynchronous, lost_rows};
 use crate::recording::table::{Recording, Rows};
 use crate::recording::times::time_notes;
 use crate::recording::times::{Stamps, Times, places_of_time, times};
@@ -45,7 +46,7 @@ impl Recording {
         let named_mcap = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("mcap"));
         let bytes = packed::unpacked(&file, &bytes)?;
         if bytes.starts_with(mcap::MAGIC) || named_mcap {
-            return Recording::parse_mcap(&file, &bytes, Broken::Missing)?.bridged(rig);
+            return Recording::parse_mcap(&file, &bytes, Broken::Missing)?.as_samples(rig);
         }
         Self::parse_for(&file, &bytes, rig)
     }
@@ -66,27 +67,31 @@ impl Recording {
         from_sheet(&logger_text::sheet(file, &text, &map)?, rig, &map)
     }
 
-    /// The same with lost rows bridged, as samples of other programs are.
-    fn bridged(self, rig: &Rig) -> Result<Self, RecordingError> {
-        if self.segments().len() < 2 {
+    /// The same with lost rows bridged and held readings taken once, as samples of other programs are.
+    fn as_samples(self, rig: &Rig) -> Result<Self, RecordingError> {
+        let kinds = asked(rig);
+        let kind_of = |name: &str| kinds.iter().find(|one| one.name == name).map_or(Kind::Switch, |one| one.kind);
+        let mut time_s = self.time_s().to_vec();
+        let mut columns: Vec<(Column, Kind)> =
+            self.columns().iter().map(|column| (column.clone(), kind_of(&column.name))).collect();
+        let mut missing = Missing { columns: self.missing_columns().to_vec(), notes: Vec::new() };
+        let (how_read, _) = HowRead::find(self.source(), &mut time_s, &mut columns, &mut missing)
+            .map_err(|at| never_together(self.source(), &time_s, &columns, at))?;
+        if self.segments().len() < 2 && matches!(how_read, HowRead::EveryRow) {
             return Ok(self);
         }
-        let kinds = asked(rig);
-        let time_s = self.time_s().to_vec();
-        let resampling = Resampling::new(&time_s);
-        let columns = self.columns().iter().map(|column| {
-            let kind = kinds.iter().find(|one| one.name == column.name).map_or(Kind::Switch, |one| one.kind);
-            Column { name: column.name.clone(), data: rows_of(&resampling, &column.data, kind) }
-        });
+        let mut resampling = Resampling::new(&time_s);
+        how_read.mark(&mut resampling);
         let rows = Rows {
-            columns: columns.collect(),
+            columns: columns_of(&resampling, &columns),
             measured: resampling.measured.clone(),
-            missing: self.missing_of(&resampling),
+            missing: how_read.lacking(&missing.columns, &resampling),
             sampling_s: resampling.sampling_s(),
             header_line: None,
             time_s: resampling.rows.clone(),
         };
-        let notes = self.notes().iter().cloned().chain(resampling.notes(self.source())).collect();
+        let of_sensors = how_read.notes().iter().cloned();
+        let notes = self.notes().iter().cloned().chain(of_sensors).chain(resampling.notes(self.source())).collect();
         Ok(Self::from_rows(self.source(), rows)?.with_notes(notes))
     }
 }
@@ -99,12 +104,23 @@ fn rows_of(resampling: &Resampling<'_>, data: &ColumnData, kind: Kind) -> Column
     }
 }
 
+/// Columns at the rows.
+fn columns_of(resampling: &Resampling<'_>, columns: &[(Column, Kind)]) -> Vec<Column> {
+    let of = |(column, kind): &(Column, Kind)| Column {
+        name: column.name.clone(),
+        data: rows_of(resampling, &column.data, *kind),
+    };
+    columns.iter().map(of).collect()
+}
+
 /// The recording that a sheet is for a rig.
 fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Recording, RecordingError> {
     let once = crate::recording::rows::doubled::once(sheet);
     let sheet = once.as_ref().unwrap_or(sheet);
     let naming = naming(sheet, rig, map)?;
     long_format::check(sheet, rig, map)?;
+    let clocks = second_clock::joined(sheet, (rig, map), naming)?;
+    let sheet = clocks.as_ref().unwrap_or(sheet);
     let of_time = places_of_time(sheet, map, naming);
     let timed = lost_rows::timed(sheet, &of_time);
     let sheet = timed.as_ref().unwrap_or(sheet);
@@ -139,16 +155,11 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     let sheet = numbered.as_ref().unwrap_or(sheet);
     let (mut missing, read) = lost_rows::readings(sheet, &mut time_s, &mut columns);
     let sheet = read.as_ref().unwrap_or(sheet);
-    let is_uneven = |of: &&[f64]| repeated::Held::of(&time_s, of).is_some_and(|held| !held.is_even());
-    let repeated = repeated::fresh(&readings(&columns))
-        .filter(|_| Resampling::new(&time_s).is_as_it_was() && !readings(&columns).iter().any(is_uneven));
-    let own = match repeated {
-        None => OwnRows::put(sheet, &mut time_s, &mut columns, &mut missing),
-        Some(_) => Ok(None),
-    };
-    let (own, kept) = own.map_err(|at| never_together(sheet, &time_s, &columns, at))?.unzip();
+    let (how_read, kept) = HowRead::find(&sheet.file, &mut time_s, &mut columns, &mut missing)
+        .map_err(|at| never_together(&sheet.file, &time_s, &columns, at))?;
+    let kept = kept.map(|kept| sheet.rows_alone(&kept));
     let sheet = kept.as_ref().unwrap_or(sheet);
-    let slower = Slower::of(&readings(&columns)).map_err(|at| never_together(sheet, &time_s, &columns, at))?;
+    let slower = Slower::of(&readings(&columns)).map_err(|at| never_together(&sheet.file, &time_s, &columns, at))?;
     let (time_s, columns) = match &slower {
         Some(slower) => {
             missing = missing.cut(&slower.span);
@@ -160,20 +171,11 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     if let Some(slower) = &slower {
         let read = slower.read.get(slower.span.clone()).unwrap_or_default();
         resampling.only(read, Sensors::Slower(slower.rows_a_reading()));
-    } else if let Some(own) = &own {
-        resampling.only(&own.any(), Sensors::Own(own.rows_a_reading));
-    } else if let Some((fresh, repeats)) = repeated {
-        resampling.only(&fresh, Sensors::Repeated(repeats));
+    } else {
+        how_read.mark(&mut resampling);
     }
-    let of_own = own.as_ref().map_or_else(Vec::new, |own| own.missing_of(&resampling));
-    missing.columns.retain(|(name, _)| of_own.iter().all(|(own, _)| own != name));
-    let now_and_then = missing.columns.iter().map(|(name, of)| (name.clone(), resampling.missing_of(of)));
-    let lacking = of_own.into_iter().chain(now_and_then).collect();
-    let rows = |(column, kind): &(Column, Kind)| Column {
-        name: column.name.clone(),
-        data: rows_of(&resampling, &column.data, *kind),
-    };
-    let mut made: Vec<Column> = columns.iter().map(rows).collect();
+    let lacking = how_read.lacking(&missing.columns, &resampling);
+    let mut made = columns_of(&resampling, &columns);
     if resampling.is_as_it_was() {
         let span = slower.as_ref().map_or(0..sheet.rows(), |slower| slower.span.clone());
         made = with_others(made, (sheet, span), &of_time, &resampling);
@@ -194,7 +196,7 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     notes.extend(sheet.notes.iter().cloned());
     notes.extend(blank_columns);
     notes.extend(missing.notes);
-    notes.extend(own.into_iter().flat_map(|own| own.notes));
+    notes.extend(how_read.notes().iter().cloned());
     notes.extend(resampling.notes(&sheet.file));
     let recording = Recording::from_rows(&sheet.file, rows)?.with_notes(notes).with_file_units(file_units);
     Ok(if may_count_rows { recording.that_may_count_rows() } else { recording })
@@ -214,7 +216,7 @@ fn of_topics(
     let fewest = readings(&columns).iter().map(|of| of.iter().filter(|x| !x.is_nan()).count()).min().unwrap_or(0);
     let spans = asynchronous::spans(time_s, &columns);
     let read = asynchronous::readings(time_s, &mut columns)
-        .map_err(|sensor| never_together(sheet, time_s, &columns, sensor))?;
+        .map_err(|sensor| never_together(&sheet.file, time_s, &columns, sensor))?;
     let read_s = rows_alone(time_s, &read);
     let resampling = Resampling::new(&read_s).commanded(time_s);
     let repeated = (!repeated.is_empty())
@@ -226,12 +228,8 @@ fn of_topics(
             sheet.file
         )
     });
-    let rows = |(column, kind): &(Column, Kind)| Column {
-        name: column.name.clone(),
-        data: rows_of(&resampling, &column.data, *kind),
-    };
     let rows = Rows {
-        columns: columns.iter().map(rows).collect(),
+        columns: columns_of(&resampling, &columns),
         measured: resampling.measured.clone(),
         missing: Vec::new(),
         sampling_s: resampling.sampling_s(),
@@ -249,17 +247,11 @@ fn blank_column(sheet: &Sheet<'_>, name: &str) -> Option<String> {
     Some(format!("{}: column {title} has nothing in any row and counts as one that is not there", sheet.file))
 }
 
-/// The numbers of all sensors' columns.
-fn readings(columns: &[(Column, Kind)]) -> Vec<&[f64]> {
-    let of = columns.iter().filter(|(_, kind)| *kind == Kind::Reading);
-    of.filter_map(|(column, _)| column.numbers()).collect()
-}
-
 /// The error of a sensor whose readings stand in other rows than those of the rest.
-fn never_together(sheet: &Sheet<'_>, time_s: &[f64], columns: &[(Column, Kind)], sensor: usize) -> RecordingError {
+fn never_together(file: &str, time_s: &[f64], columns: &[(Column, Kind)], sensor: usize) -> RecordingError {
     let name = columns.iter().filter(|(_, kind)| *kind == Kind::Reading).nth(sensor).map(|(column, _)| &column.name);
     let column = name.cloned().unwrap_or_default();
-    RecordingError::NeverTogether { file: sheet.file.clone(), column, spans: asynchronous::spans(time_s, columns) }
+    RecordingError::NeverTogether { file: file.to_owned(), column, spans: asynchronous::spans(time_s, columns) }
 }
 
 /// Times and columns from the first row to the last in which all sensors were read, with lines where one was not.

@@ -31,7 +31,6 @@ use crate::recording::mcap_file::reader::parse_mcap;
 use crate::recording::mcap_file::tick::TickRecord;
 use crate::recording::mcap_file::writer::{Event, EventLevel, VERDICT};
 use crate::recording::recording_error::RecordingError;
-use crate::recording::rows::resample::Resampling;
 use crate::regular_file;
 
 /// Nominal time between rows (s).
@@ -316,9 +315,9 @@ impl Recording {
         Ok(atomic_file::write(path, self.to_csv().as_bytes())?)
     }
 
-    /// Readings that are missing, at the rows of a resampling.
-    pub(super) fn missing_of(&self, resampling: &Resampling<'_>) -> Vec<(String, Vec<bool>)> {
-        self.missing.iter().map(|(name, missing)| (name.clone(), resampling.missing_of(missing))).collect()
+    /// Columns of sensors that lack readings; by row, whether one is missing there.
+    pub(super) fn missing_columns(&self) -> &[(String, Vec<bool>)] {
+        &self.missing
     }
 
     pub(super) fn with_missing(self, missing: Vec<(String, Vec<bool>)>) -> Self {

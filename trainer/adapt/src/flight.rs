@@ -73,14 +73,17 @@ impl Adaptation {
         let (session, start) = begun.at;
         let end = start.wrapping_add((self.fly_s()? * TICKS_PER_S) as u32);
         self.moves_until = end;
-        let mut ticks = FlightTicks::new(&self.folders.recordings, session, start..end);
+        let mut following = FlightTicks::new(&self.folders.recordings, session, start..end);
         let against = HeldAgainst { there, yardstick: &yardstick };
-        let until = self.watch(what, begun, start..end, &mut ticks, &against, console)?;
+        let until = self.watch(what, begun, start..end, &mut following, &against, console)?;
         let missing = "the recording of a run";
         let ticks = self.wait_for(missing, FLUSHED, console, |this, _| {
             let ticks = recorded::between(&this.folders.recordings, session, start..until)?;
             Ok(ticks.last().is_some_and(|last| last.tick.wrapping_add(1) >= until).then_some(ticks))
         })?;
+        // What the recording lost since the last look, or where nothing was looked at, is told as well.
+        following.so_far()?;
+        following.take_notes().iter().for_each(|note| console.say(note));
         of_one_controller(&ticks, what)?;
         let vented = || AdaptError::NotRunning { state: "vented on the way".into(), waits_for: String::new() };
         let mut flown = Flown {
@@ -162,10 +165,11 @@ impl Adaptation {
                 let so_far = ticks.so_far()?;
                 let recorded = so_far.iter().take_while(|tick| tick.tick < status.at.1).count();
                 let so_far = so_far.get(..recorded).unwrap_or_default();
-                if let Some(last) = so_far.last()
-                    && worse_window(&squares_by_second(so_far, flight.start, yardstick), there).is_some()
-                {
-                    return Ok(last.tick.wrapping_add(1));
+                let is_worse = worse_window(&squares_by_second(so_far, flight.start, yardstick), there).is_some();
+                let ended = so_far.last().filter(|_| is_worse).map(|last| last.tick.wrapping_add(1));
+                ticks.take_notes().iter().for_each(|note| console.say(note));
+                if let Some(ended) = ended {
+                    return Ok(ended);
                 }
             }
             if status.at.1 != last {

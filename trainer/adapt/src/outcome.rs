@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use proto::atomic_file;
+use proto::diagnosis::FoundParameter;
 use report::{Color, KeyFigure, Panel, Plot, Report, Scatter, Table};
 use serde::Serialize;
 
@@ -72,8 +73,7 @@ impl Outcome {
         let verdict = compared.map(|(before, after)| Comparison::of(&after, &before));
         let diagnosis = journal.found.as_deref().map(diagnosis_in).transpose()?;
         let learned = diagnosis.iter().flat_map(|d| &d.mechanisms).map(|m| {
-            let numbers: Vec<String> =
-                m.parameters.iter().map(|(name, p)| format!("{name} {:.3} {}", p.value, p.unit)).collect();
+            let numbers: Vec<String> = m.parameters.iter().map(|(name, number)| in_words(name, number)).collect();
             format!("{} ({})", m.summary, numbers.join(", "))
         });
         let policy = journal.verdict.as_ref().map(|verdict| match verdict.why.as_str() {
@@ -232,6 +232,14 @@ impl Outcome {
     }
 }
 
+/// A number of a mechanism, under its key in the diagnosis: `lag_ms 23.400 ms`.
+fn in_words(key: &str, number: &FoundParameter) -> String {
+    if number.undetermined {
+        return format!("{key} not told");
+    }
+    format!("{key} {:.3} {}", number.value, number.unit)
+}
+
 /// A run's figures, without what later runs are held against.
 fn in_figures(flown: &Flown) -> Flown {
     Flown { squares: Vec::new(), late_squares: Vec::new(), recorded: None, ..flown.clone() }
@@ -260,6 +268,21 @@ mod tests {
         journal.kept = Some("with the model".to_owned());
         journal.optimum_kpa = Some([0.06, 0.01]);
         Outcome::of(&journal, Path::new("out")).unwrap()
+    }
+
+    /// A number that the recordings do not tell is not among what was learned.
+    #[test]
+    fn what_is_not_told_is_not_learned() {
+        let number = |undetermined: bool| FoundParameter {
+            value: 56.7,
+            unit: "ms".to_owned(),
+            low: 0.5,
+            high: 900.0,
+            at_end_of_range: None,
+            undetermined,
+        };
+        assert_eq!(in_words("lag_ms", &number(false)), "lag_ms 56.700 ms");
+        assert_eq!(in_words("lag_ms", &number(true)), "lag_ms not told");
     }
 
     #[test]

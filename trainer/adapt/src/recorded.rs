@@ -100,12 +100,14 @@ pub(crate) struct FlightTicks {
     /// The recording that is followed, with its path.
     open: Option<(PathBuf, McapFollower)>,
     taken: Vec<TickRecord>,
+    /// Lines on what of the recordings was lost.
+    notes: Vec<String>,
 }
 
 impl FlightTicks {
     /// Ticks of a session from one number up to another.
     pub(crate) fn new(folder: &Path, session: u32, ticks: Range<u32>) -> Self {
-        FlightTicks { folder: folder.to_owned(), session, ticks, open: None, taken: Vec::new() }
+        FlightTicks { folder: folder.to_owned(), session, ticks, open: None, taken: Vec::new(), notes: Vec::new() }
     }
 
     /// All that are recorded by now, in their order.
@@ -123,6 +125,7 @@ impl FlightTicks {
                 let next = McapFollower::open(&path)?;
                 if let Some((_, mut left)) = self.open.replace((path, next)) {
                     self.take(left.give_up()?);
+                    self.notes.extend(left.take_notes());
                 }
                 self.read_on()?;
             }
@@ -130,10 +133,16 @@ impl FlightTicks {
         Ok(&self.taken)
     }
 
+    /// Takes the lines on what of the recordings was lost.
+    pub(crate) fn take_notes(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.notes)
+    }
+
     /// Reads on in the open recording as far as it is written.
     fn read_on(&mut self) -> Result<(), AdaptError> {
         while let Some((_, open)) = &mut self.open {
             let (ticks, end) = (open.read_on()?, open.end());
+            self.notes.extend(open.take_notes());
             self.take(ticks);
             if end != FollowEnd::More {
                 break;

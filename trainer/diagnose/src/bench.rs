@@ -200,6 +200,20 @@ impl<'r> Bench<'r> {
         &self.counted
     }
 
+    /// Lowest and highest of the open air and of the readings that count, by channel in kPa gauge.
+    pub(crate) fn recorded_kpa(&self) -> Vec<[f64; 2]> {
+        let layout = self.records.layout();
+        let mut recorded = vec![[0.0_f64; 2]; layout.channels()];
+        for (_, channel, range) in layout.all() {
+            let Some([low, high]) = recorded.get_mut(channel) else { continue };
+            let counts = range.filter(|i| self.counted.get(*i).is_some_and(|w| *w != 0.0));
+            for kpa in counts.filter_map(|i| self.records.readings_kpa().get(i)).filter(|kpa| kpa.is_finite()) {
+                (*low, *high) = (low.min(*kpa), high.max(*kpa));
+            }
+        }
+        recorded
+    }
+
     /// Tells whether errors beyond the noise by channel, in kPa, are more than a model may leave that lacks nothing
     /// ([`crate::judge::large_error`]).
     pub(crate) fn is_much(&self, excess_kpa: &[f64]) -> bool {

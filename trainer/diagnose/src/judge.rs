@@ -33,9 +33,11 @@ use crate::search::{Found, cost, starts, twins, with, without};
 mod alike;
 mod moved;
 use alike::{alike_on_validation_data, cost_of_alike, leaves_several_times_the_noise};
+pub(crate) use moved::{LESS, furthest_kpa, have_moved};
 use moved::{instead_of_moved, nothing_named};
 
-/// Error beyond the noise, in kPa, below which a model is as good as the recordings can tell.
+/// Error beyond the noise, in kPa, below which a model is as good as the recordings of a rig of the paper's size can tell; whether
+/// parameters moved is asked of less where the pressures are small ([`moved`]).
 pub(crate) const FLOOR_KPA: f64 = 0.06;
 /// Share of the mean squared error beyond the noise that what is named must take away. The same physics written in
 /// another way (relays instead of plays) leaves a sixth; what is merely similar (a lag for a resonance) leaves more.

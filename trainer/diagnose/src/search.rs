@@ -270,11 +270,11 @@ pub fn search(
                 None
             };
             // What is far from any known physics may be near one from where the parameters were before they gave way.
+            let is_led_astray = bench.is_much(&left(bench, &best)) && has_given_way(bench, &best);
+            let from_afar = unexplained && settings.thorough || slips.is_none() && is_led_astray;
             let again = match ahead {
                 Some(pair) => Some(plainer(bench, candidates, pair, settings.bar.removed_kpa)?),
-                None if unexplained && settings.thorough => {
-                    from_priors(bench, candidates, &best, &missed, &mut tried, tell)?
-                }
+                None if from_afar => from_priors(bench, candidates, &best, &missed, &mut tried, tell)?,
                 None => None,
             };
             match slips.or(again.filter(passed)) {

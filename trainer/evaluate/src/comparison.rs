@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use environment::closed_loop::{FlightPlan, Flown, PolicyController};
 use environment::{EnvironmentError, Score, fly};
 use law::{Fallback, FallbackSettings, PolicyLaw};
-use model::mechanism::Mechanism;
 use model::rig::Rig;
+use model::shown_reference::ShownReference;
 use model::steady::SteadyMap;
 use proto::reference::Reference;
 use training::TrainedPolicy;
@@ -139,14 +139,8 @@ impl<'a> Told<'a> {
 
     /// The model, where its sensors need an observer; its predictions are for policies.
     fn observed_by(&self) -> Option<&'a Rig> {
-        sensors_are_late(self.model).then_some(self.model)
+        ShownReference::of(self.model).is_late().then_some(self.model)
     }
-}
-
-/// Tells whether a rig's sensors show pressures late: its controllers are then told by an observer.
-pub fn sensors_are_late(rig: &Rig) -> bool {
-    let late = |m: &Mechanism| matches!(m, Mechanism::SensorLag(_) | Mechanism::ResidualResponse(_));
-    rig.mechanisms.iter().any(|m| m.enabled && late(&m.mechanism))
 }
 
 impl Comparison {

@@ -18,6 +18,7 @@
 
 pub mod callback;
 pub mod checkpoint;
+mod files_inside;
 pub mod loop_rebuild;
 mod publish;
 pub mod recent_error;

@@ -19,9 +19,30 @@ pub enum Read {
     /// A recording begins; what stands in it is read through [`RecordingFolder::current`].
     Begins,
     /// Ticks of the recording under way.
-    Ticks(Vec<TickRecord>),
+    Ticks(Piece),
     /// Nothing more is there now.
     Nothing,
+}
+
+/// Ticks of a recording that were read at once, and where ticks may be lost.
+#[derive(Debug, Default)]
+pub struct Piece {
+    /// The ticks, in their order.
+    pub ticks: Vec<TickRecord>,
+    /// Places in the ticks before which some may be lost; their number stands for a place behind all of them.
+    pub lost_before: Vec<usize>,
+}
+
+impl Piece {
+    /// Adds what a recording gave last.
+    fn add(&mut self, ticks: Vec<TickRecord>, follower: &McapFollower) {
+        self.lost_before.extend(follower.lost_before().iter().map(|at| self.ticks.len() + at));
+        self.ticks.extend(ticks);
+    }
+
+    fn is_empty(&self) -> bool {
+        self.ticks.is_empty() && self.lost_before.is_empty()
+    }
 }
 
 /// A folder that is followed.
@@ -29,6 +50,8 @@ pub enum Read {
 pub struct RecordingFolder {
     folder: PathBuf,
     current: Option<(Place, McapFollower)>,
+    /// What was said of recordings that are damaged.
+    notes: Vec<String>,
 }
 
 /// The place of a recording in the order of a folder: its name without number and ending, and its number.
@@ -37,7 +60,7 @@ type Place = (String, u32);
 impl RecordingFolder {
     /// Follows a folder from its first recording on.
     pub fn new(folder: &Path) -> Self {
-        RecordingFolder { folder: folder.to_owned(), current: None }
+        RecordingFolder { folder: folder.to_owned(), current: None, notes: Vec::new() }
     }
 
     /// Says what a folder holds instead of recordings that can be learned from, where it holds none of those.
@@ -77,12 +100,31 @@ impl RecordingFolder {
     /// # Errors
     /// A folder or a recording that cannot be read.
     pub fn read_on(&mut self) -> Result<Read, FinetuneError> {
+        let read = self.read_piece();
+        self.hear();
+        read
+    }
+
+    /// Remarks on what is damaged in the recordings, each of them once.
+    pub fn take_notes(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.notes)
+    }
+
+    fn hear(&mut self) {
+        if let Some((_, follower)) = &mut self.current {
+            self.notes.extend(follower.take_notes());
+        }
+    }
+
+    fn read_piece(&mut self) -> Result<Read, FinetuneError> {
         if let Some((_, follower)) = &mut self.current
             && follower.end() != FollowEnd::Finished
         {
-            let ticks = follower.read_on()?;
-            if !ticks.is_empty() || follower.end() == FollowEnd::More {
-                return Ok(Read::Ticks(ticks));
+            let mut piece = Piece::default();
+            piece.add(follower.read_on()?, follower);
+            // A loss at the end of a recording is handed on before the next one begins, with no tick behind it.
+            if !piece.is_empty() || follower.end() == FollowEnd::More {
+                return Ok(Read::Ticks(piece));
             }
         }
         let Some((place, path)) = self.next()? else { return Ok(Read::Nothing) };
@@ -90,15 +132,15 @@ impl RecordingFolder {
             && follower.end() != FollowEnd::Finished
         {
             // The next one is there, so this one is over; it may have grown between the last look and now.
-            let mut ticks = Vec::new();
+            let mut piece = Piece::default();
             loop {
-                ticks.extend(follower.read_on()?);
+                piece.add(follower.read_on()?, follower);
                 if follower.end() != FollowEnd::More {
                     break;
                 }
             }
-            ticks.extend(follower.give_up()?);
-            return Ok(Read::Ticks(ticks));
+            piece.add(follower.give_up()?, follower);
+            return Ok(Read::Ticks(piece));
         }
         match McapFollower::open(&path) {
             Ok(follower) => self.current = Some((place, follower)),
@@ -115,11 +157,13 @@ impl RecordingFolder {
     ///
     /// # Errors
     /// If it cannot be read.
-    pub fn give_up(&mut self) -> Result<Vec<TickRecord>, FinetuneError> {
-        match &mut self.current {
-            Some((_, follower)) => Ok(follower.give_up()?),
-            None => Ok(Vec::new()),
+    pub fn give_up(&mut self) -> Result<Piece, FinetuneError> {
+        let mut piece = Piece::default();
+        if let Some((_, follower)) = &mut self.current {
+            piece.add(follower.give_up()?, follower);
         }
+        self.hear();
+        Ok(piece)
     }
 
     /// The first recording behind the one under way.
@@ -156,7 +200,53 @@ fn place(path: &Path) -> Option<Place> {
 
 #[cfg(test)]
 mod tests {
+    use std::io::{Seek, SeekFrom, Write};
+
+    use proto::recording::{RecordingInfo, RecordingWriter, unfinished_path};
+
     use super::*;
+
+    /// A recording that grows, with a second of it erased: what is whole behind it is read, and the loss is told once.
+    #[test]
+    fn what_is_erased_in_a_recording_is_passed_over_and_told_once() {
+        let folder = std::env::temp_dir().join(format!("finetune-erased-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let path = folder.join("run-20261127-121000.mcap");
+        let mut writer = RecordingWriter::create(&path, &RecordingInfo::new("test", 0), &[]).unwrap();
+        let (path, mut ends) = (unfinished_path(&path), Vec::new());
+        let mut second = |from: u32| {
+            (from..from + 50)
+                .for_each(|tick| writer.write(&TickRecord { session: 7, tick, ..TickRecord::default() }).unwrap());
+            writer.flush().unwrap();
+            ends.push(std::fs::metadata(&path).unwrap().len());
+            ends.clone()
+        };
+        second(0);
+        let ends = second(50);
+        let mut file = std::fs::File::options().write(true).open(&path).unwrap();
+        file.seek(SeekFrom::Start(ends[0])).unwrap();
+        file.write_all(&vec![0; (ends[1] - ends[0]) as usize]).unwrap();
+        let mut of = RecordingFolder::new(&folder);
+        let mut read = || {
+            let (mut ticks, mut notes) = (Vec::new(), Vec::new());
+            loop {
+                match of.read_on().unwrap() {
+                    Read::Nothing => return (ticks, notes),
+                    Read::Begins => {}
+                    Read::Ticks(more) => ticks.extend(more.ticks.iter().map(|tick| tick.tick)),
+                }
+                notes.extend(of.take_notes());
+            }
+        };
+        assert_eq!(read(), ((0..50).collect(), Vec::new()), "it may be an end that is still written");
+        second(100);
+        let (ticks, notes) = read();
+        assert_eq!(ticks, (100..150).collect::<Vec<u32>>());
+        assert!(notes.len() == 1 && notes[0].ends_with("; 50 ticks (1.00 s) are lost"), "{notes:?}");
+        second(150);
+        assert_eq!(read(), ((150..200).collect(), Vec::new()));
+        std::fs::remove_dir_all(folder).unwrap();
+    }
 
     #[test]
     fn recordings_come_in_the_order_of_their_times() {

@@ -202,7 +202,9 @@ impl FinetuneRun {
             if is_caught_up && self.position.steps >= self.settings.steps {
                 return Ok(Status::Finished);
             }
-            match self.transitions.next_transition()? {
+            let transition = self.transitions.next_transition()?;
+            self.transitions.take_notes().iter().for_each(|note| callback.say(note));
+            match transition {
                 Some(transition) if !is_caught_up => {
                     self.recent.push(&transition);
                     passed_over += 1;

@@ -18,14 +18,13 @@ use environment::{EnvironmentSettings, vector_env};
 use law::{AfterEnd, RepetitionLearning};
 use model::observation::{ACTION_LEN, ObservationLayout};
 use model::rig::Rig;
-use proto::emulator::check_tick;
 use proto::recording::{FollowEnd, TickInput, TickRecord, attached};
-use proto::reference::Reference;
 use training::TrainingSettings;
 
 use crate::FinetuneError;
+use crate::files_inside::{ChosenReference, parsed_reference, rig};
 use crate::loop_rebuild::{LeftOut, LoopRebuild, RebuiltTick};
-use crate::recording_folder::{Read, RecordingFolder};
+use crate::recording_folder::{Piece, Read, RecordingFolder};
 
 /// Largest size of an answer that counts as within the policy's range; a tanh gets no nearer to 1 in f32.
 const MOST_ACTION: f32 = 1.0 + 1e-5;
@@ -80,6 +79,10 @@ pub struct Transitions {
     waiting: VecDeque<Item>,
     /// Whether the next tick is the first of its recording.
     begins: bool,
+    /// Whether ticks of the recording are lost before this one, and with them what may have taken over there.
+    is_behind_loss: bool,
+    /// Whether the recordings before this one, whose run it may go on with, end behind such a loss.
+    ended_behind_loss: bool,
     before: Option<RebuiltTick>,
     tally: Tally,
 }
@@ -89,6 +92,8 @@ pub struct Transitions {
 enum Item {
     /// A recording begins.
     Begins,
+    /// Ticks of the recording may be lost here.
+    Loss,
     /// A tick.
     Tick(Box<TickRecord>),
 }
@@ -113,6 +118,8 @@ impl Transitions {
             known: [0; 2],
             waiting: VecDeque::new(),
             begins: false,
+            is_behind_loss: false,
+            ended_behind_loss: false,
             before: None,
             tally: Tally::default(),
         }
@@ -133,6 +140,11 @@ impl Transitions {
         self.rebuild.as_ref().map_or(0, LoopRebuild::joined)
     }
 
+    /// Remarks on what is damaged in the recordings, each of them once.
+    pub fn take_notes(&mut self) -> Vec<String> {
+        self.folder.take_notes()
+    }
+
     /// Name of the recording that is being read.
     pub fn recording(&self) -> String {
         self.folder.current_name()
@@ -150,7 +162,11 @@ impl Transitions {
     pub fn next_transition(&mut self) -> Result<Option<Transition>, FinetuneError> {
         loop {
             match self.waiting.pop_front() {
-                Some(Item::Begins) => self.begins = true,
+                Some(Item::Begins) => {
+                    self.begins = true;
+                    self.ended_behind_loss |= std::mem::take(&mut self.is_behind_loss);
+                }
+                Some(Item::Loss) => self.is_behind_loss = true,
                 Some(Item::Tick(record)) => {
                     if std::mem::take(&mut self.begins) {
                         self.begin_recording()?;
@@ -175,13 +191,21 @@ impl Transitions {
     /// # Errors
     /// As [`Transitions::next_transition`].
     pub fn give_up(&mut self) -> Result<(), FinetuneError> {
-        let ticks = self.folder.give_up()?;
-        self.wait_for(ticks);
+        let piece = self.folder.give_up()?;
+        self.wait_for(piece);
         Ok(())
     }
 
-    fn wait_for(&mut self, ticks: Vec<TickRecord>) {
-        self.waiting.extend(ticks.into_iter().map(|tick| Item::Tick(Box::new(tick))));
+    fn wait_for(&mut self, piece: Piece) {
+        let Piece { ticks, lost_before } = piece;
+        let mut losses = lost_before.into_iter().peekable();
+        for (at, tick) in ticks.into_iter().enumerate() {
+            while losses.next_if(|loss| *loss <= at).is_some() {
+                self.waiting.push_back(Item::Loss);
+            }
+            self.waiting.push_back(Item::Tick(Box::new(tick)));
+        }
+        self.waiting.extend(losses.map(|_| Item::Loss));
     }
 
     /// Reads a piece; whether there was one.
@@ -189,16 +213,20 @@ impl Transitions {
         match self.folder.read_on()? {
             Read::Nothing => return Ok(false),
             Read::Begins => self.waiting.push_back(Item::Begins),
-            Read::Ticks(ticks) => self.wait_for(ticks),
+            Read::Ticks(piece) => self.wait_for(piece),
         }
         Ok(true)
     }
 
-    /// A later part of a run goes on with its loop; any other recording is that of a daemon that began anew.
+    /// A later part of a run goes on with its loop, also with one that nobody knows any more; any other recording is that of a daemon
+    /// that began anew.
     fn begin_recording(&mut self) -> Result<(), FinetuneError> {
+        let ended_behind_loss = std::mem::take(&mut self.ended_behind_loss);
         let Some(recording) = self.folder.current() else { return Ok(()) };
         let part = recording.metadata("part").and_then(|part| part.parse().ok()).unwrap_or(1);
-        if part > 1 && self.rebuild.is_some() {
+        if part > 1 && self.known != [0; 2] {
+            // It holds the files of the parts before as well, so that what is lost there still counts.
+            self.is_behind_loss |= ended_behind_loss;
             return Ok(());
         }
         let file = self.folder.current_name();
@@ -225,11 +253,15 @@ impl Transitions {
                 _ => None,
             })
             .collect();
+        if !due.is_empty() && self.is_behind_loss {
+            // Files inside count by their order; one of those before may have taken over in a tick that is lost.
+            self.rebuild = None;
+        }
         // All of them, or none yet: a tick is looked at once.
         for what in [Exchanged::Reference, Exchanged::Model] {
             let count = due.iter().filter(|due| **due == what).count();
             while count > 0 && self.rebuild.is_some() && self.there_are(what) < self.known[what as usize] + count {
-                if self.is_over() {
+                if self.is_over() || self.has_lost(what) {
                     // Nobody knows what controls from here on, until the daemon begins anew.
                     self.rebuild = None;
                 } else if !self.read_on()? {
@@ -246,6 +278,11 @@ impl Transitions {
     /// Files of a kind in the recording under way, as far as it has been read.
     fn there_are(&self, what: Exchanged) -> usize {
         self.folder.current().map_or(0, |recording| recording.attachments(name_of(what)).count())
+    }
+
+    /// Tells whether files of a kind are lost in the recording under way: no later one of them is given any more.
+    fn has_lost(&self, what: Exchanged) -> bool {
+        self.folder.current().is_some_and(|recording| recording.has_lost(name_of(what)))
     }
 
     /// Whether the recording of the tick under way brings nothing more.
@@ -351,47 +388,5 @@ const fn name_of(what: Exchanged) -> &'static str {
     }
 }
 
-/// `[reference]` of the daemon's configuration, as far as the loop depends on it.
-#[derive(Debug, Default, serde::Deserialize)]
-#[serde(default)]
-struct ChosenReference {
-    repeat: bool,
-    learn: bool,
-}
-
-impl ChosenReference {
-    fn parse(configuration: &[u8]) -> Self {
-        #[derive(Default, serde::Deserialize)]
-        #[serde(default)]
-        struct Configuration {
-            reference: ChosenReference,
-        }
-        toml::from_str::<Configuration>(&String::from_utf8_lossy(configuration)).unwrap_or_default().reference
-    }
-}
-
-fn rig(file: &str, bytes: &[u8]) -> Result<Rig, FinetuneError> {
-    let text = String::from_utf8_lossy(bytes);
-    let sound = Rig::from_toml(&text).and_then(|rig| check_tick(&rig).map(|()| rig));
-    sound.map_err(|problem| FinetuneError::Model { name: format!("{file}, model_rig.toml"), problem })
-}
-
-fn parsed_reference(file: &str, bytes: &[u8]) -> Result<Reference, FinetuneError> {
-    Ok(Reference::parse(&format!("{file}, reference.csv"), bytes)?)
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Its predictions would be of another time than the ticks that are learned from.
-    #[test]
-    fn a_model_with_another_tick_is_refused_with_its_recording() {
-        let mut model = Rig::builtin("dual_pressure").unwrap();
-        assert_eq!(rig("run.mcap", model.to_toml().unwrap().as_bytes()).unwrap(), model);
-        model.integrator.tick_ms = 10.0;
-        let said = rig("run.mcap", model.to_toml().unwrap().as_bytes()).unwrap_err().to_string();
-        let problem = "integrator.tick_ms: a tick of 10 ms; the cRIO samples every 20 ms";
-        assert_eq!(said, format!("run.mcap, model_rig.toml: {problem}"));
-    }
-}
+mod tests;

@@ -183,10 +183,10 @@ class StableBaselines3(unittest.TestCase):
             command = [sys.executable, str(script), "--steps", "150", "--out", str(file)]
             said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
             self.assertRegex(said, r"onnxruntime and torch agree within \S+ on \d+ observations\nmean error on bench")
-            # File and network are sound; 150 steps teach nobody to track, which is what may be found wrong.
+            # The base passes the trial by itself, and 150 steps of a bounded correction must not spoil that.
             command = [controller, "check-policy", str(file), "--json"]
-            found = json.loads(subprocess.run(command, capture_output=True, text=True).stdout)
-            self.assertTrue(found["sound"] or found["stage"] in ("answers", "trial"), found)
+            checked = subprocess.run(command, capture_output=True, text=True)
+            self.assertEqual((checked.returncode, json.loads(checked.stdout)["sound"]), (0, True), checked.stdout)
             command = [controller, "demo", "--fast", "--seconds", "2", "--policy", str(file), "--out", str(here / "flown")]
             flown = subprocess.run(command, capture_output=True, text=True)
             self.assertIn(flown.returncode, (0, 1), flown.stderr)

@@ -37,20 +37,9 @@ impl Desk {
         Step::Done(Box::new(reply))
     }
 
-    /// Records and answers what was done, with a line that a person should know about it, where there is one.
-    pub(super) fn over_remarking(&mut self, what: &str, peer: Peer, remark: Option<String>) -> Step {
-        self.record(what, peer, &Ok(()));
-        self.note_remark(remark.as_deref());
-        let mut reply = self.reply(Ok(()));
-        reply.remark = remark;
-        Step::Done(Box::new(reply))
-    }
-
-    /// Records what a person should know, where there is something.
-    pub(super) fn note_remark(&self, remark: Option<&str>) {
-        if let Some(remark) = remark {
-            note_line(&self.options.notes, EventLevel::Warning, remark);
-        }
+    /// Records what a person should know.
+    pub(super) fn note_remark(&self, remark: &str) {
+        note_line(&self.options.notes, EventLevel::Warning, remark);
     }
 
     pub(super) fn record(&self, what: &str, peer: Peer, outcome: &Result<(), String>) {
@@ -64,7 +53,8 @@ impl Desk {
 
     pub(super) fn refresh(&mut self) {
         if let Some(shown) = self.options.mailbox.status() {
-            self.newest = Some(shown);
+            self.newest = Some((shown.status, shown.at_ns));
+            self.shown_through = Some(shown.through);
         }
     }
 

@@ -7,10 +7,10 @@ use monitor::vent_check::OPEN_DUTY;
 use proto::recording::EventLevel;
 
 use super::answers::note_line;
-use super::{Asked, Desk, Step, What};
+use super::{Asked, Desk, Step, WITHDRAWN, What};
 use crate::cycle::duty_source::VENT;
 use crate::machine::clock::now_ns;
-use crate::operator::mailbox::Status;
+use crate::operator::mailbox::{Status, Stop};
 use crate::operator::operator_protocol::{ECHO_TIME, EFFECT_TIME, Venting};
 use crate::operator::peer::Peer;
 use crate::state::State;
@@ -29,10 +29,60 @@ pub(super) enum Disarming {
     Commanded,
 }
 
+/// Cause of a disarming.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum DisarmedBy {
+    /// Somebody's order to disarm.
+    Order(Peer),
+    /// Somebody's order to arm, which failed: the rig must not begin to run later on.
+    FailedArming(Peer),
+}
+
+/// As the subject of a sentence.
+impl std::fmt::Display for DisarmedBy {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            DisarmedBy::Order(peer) => write!(f, "a disarming by {peer}"),
+            DisarmedBy::FailedArming(peer) => write!(f, "an arming by {peer} that failed, and was disarmed,"),
+        }
+    }
+}
+
 impl Desk {
     pub(super) fn begin_disarming(&mut self, asked: Asked) -> Step {
-        self.options.mailbox.disarm();
+        self.disarm(DisarmedBy::Order(asked.peer));
         asked.taking(EFFECT_TIME).pending(What::Disarm(Disarming::Ordered))
+    }
+
+    /// Disarms at the next tick; nothing that was asked for before it moves the rig any more.
+    pub(super) fn disarm(&mut self, by: DisarmedBy) {
+        self.options.mailbox.disarm();
+        self.disarmed_by = Some(by);
+    }
+
+    /// The stop after which a request is not carried out any more, one line.
+    pub(super) fn stopped(&self, stop: Stop) -> String {
+        match (stop, self.disarmed_by) {
+            (Stop::Disarmed, Some(by)) => format!("{by} came after it was asked for; ask again"),
+            (Stop::Disarmed, None) => "a disarming came after it was asked for; ask again".to_owned(),
+            (Stop::Vented(Some(condition)), _) => {
+                format!("the rig was vented ({}) after it was asked for; look at it, then ask again", condition.name())
+            }
+            (Stop::Vented(None), _) => {
+                "the rig was vented, or without a session, after it was asked for; look at it, then ask again"
+                    .to_owned()
+            }
+        }
+    }
+
+    /// The stop that came after a request, one line; `None` where none did.
+    pub(super) fn stopped_since(&self, asked: Asked) -> Option<String> {
+        self.options.mailbox.stop_since(asked.since).map(|stop| self.stopped(stop))
+    }
+
+    /// Answer to a request that the mailbox says fell with a stop.
+    pub(super) fn why_fell(&self, asked: Asked) -> String {
+        self.stopped_since(asked).unwrap_or_else(|| WITHDRAWN.to_owned())
     }
 
     pub(super) fn look_at_disarming(&mut self, disarming: Disarming, asked: Asked) -> Step {
@@ -113,9 +163,10 @@ fn told(venting: Venting, status: &Status, no_session: &str, armed_by: Option<&s
         Some([pos, neg]) => format!("the cRIO reports duties of {pos:.3}/{neg:.3}, and 1 is open"),
         None => "the cRIO reports nothing of them".to_owned(),
     };
-    let waits = match status.latched {
-        Some(condition) => format!("; `{}` waits for `controller acknowledge`", condition.name()),
-        None => String::new(),
+    let waits = if status.waiting.is_empty() {
+        String::new()
+    } else {
+        format!("; {} for `controller acknowledge`", status.waiting.wait())
     };
     match venting {
         Venting::Open => format!(
@@ -143,6 +194,7 @@ fn told(venting: Venting, status: &Status, no_session: &str, armed_by: Option<&s
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::operator::latched_conditions::LatchedConditions;
     use crate::state::Condition;
 
     fn status(state: State, reported_duty: Option<[f64; 2]>) -> Status {
@@ -164,10 +216,19 @@ mod tests {
     }
 
     #[test]
+    fn whoever_failed_to_arm_is_not_said_to_have_disarmed() {
+        let (end, _other) = std::os::unix::net::UnixStream::pair().unwrap();
+        let peer = Peer::of(&end);
+        assert_eq!(DisarmedBy::Order(peer).to_string(), format!("a disarming by {peer}"));
+        let failed = DisarmedBy::FailedArming(peer).to_string();
+        assert_eq!(failed, format!("an arming by {peer} that failed, and was disarmed,"));
+    }
+
+    #[test]
     fn one_line_says_what_is_known_and_what_is_not() {
         let fault = Status {
             fault: Some(Condition::VentIneffective),
-            latched: Some(Condition::VentNotEchoed),
+            waiting: LatchedConditions::of([Condition::VentNotEchoed]),
             ..status(State::Fault, Some([0.2, 1.0]))
         };
         for (venting, status, words) in [

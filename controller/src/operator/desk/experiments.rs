@@ -101,6 +101,10 @@ impl Desk {
 
     pub(super) fn look_at_check(&mut self, checking: Checking, asked: Asked) -> Step {
         let late = asked.is_late();
+        // Told at once: the check may go on for a minute.
+        if let Some(why) = self.stopped_since(asked) {
+            return self.over(&checking.what(), asked.peer, Err(why));
+        }
         match checking.from.try_recv() {
             Ok((checked, at_work)) => self.experiment_checked(checked, at_work, &checking.what(), asked),
             Err(TryRecvError::Empty) if !late => asked.pending(What::Checking(checking)),
@@ -126,7 +130,7 @@ impl Desk {
                 return Step::Done(Box::new(reply));
             }
         };
-        match self.ask_to_begin(&experiment) {
+        match self.ask_to_begin(&experiment, asked) {
             Ok(ticket) => {
                 asked.taking(EFFECT_TIME).pending(What::Experiment(Beginning { ticket, experiment, _at_work: at_work }))
             }
@@ -137,30 +141,36 @@ impl Desk {
         }
     }
 
-    fn ask_to_begin(&self, experiment: &Experiment) -> Result<Ticket, String> {
+    fn ask_to_begin(&self, experiment: &Experiment, asked: Asked) -> Result<Ticket, String> {
         self.why_no_experiment().map_or(Ok(()), Err)?;
         let Some(experiments) = &self.experiments else { return Err(NO_EXPERIMENTS.to_owned()) };
         if !experiments.is_free() {
             return Err(UNDER_WAY.to_owned());
         }
-        self.ask_tick(Request::Experiment(experiments.expect(experiment)))
+        self.ask_tick(Request::Experiment(experiments.expect(experiment)), asked.since)
     }
 
     pub(super) fn look_at_beginning(&mut self, beginning: Beginning, asked: Asked) -> Step {
         let late = asked.is_late();
         match self.options.mailbox.fate(beginning.ticket) {
             Fate::Waiting if !late => asked.pending(What::Experiment(beginning)),
-            _ => self.experiment_settled(&beginning, asked.peer),
+            _ => self.experiment_settled(&beginning, asked),
         }
     }
 
     /// The tick has taken the experiment, or never will.
-    pub(super) fn experiment_settled(&mut self, beginning: &Beginning, peer: Peer) -> Step {
+    pub(super) fn experiment_settled(&mut self, beginning: &Beginning, asked: Asked) -> Step {
+        let peer = asked.peer;
         let Beginning { ticket, experiment, .. } = beginning;
         let what = format!("experiment {}", experiment.sequence.source());
         if self.options.mailbox.withdraw(*ticket) {
             self.experiments.iter().for_each(ExperimentDesk::not_begun);
-            return self.over(&what, peer, Err(format!("no tick took it; {}", self.no_session())));
+            let why = if self.options.mailbox.fate(*ticket) == Fate::Fell {
+                self.why_fell(asked)
+            } else {
+                format!("no tick took it; {}", self.no_session())
+            };
+            return self.over(&what, peer, Err(why));
         }
         if let Some(experiments) = &mut self.experiments {
             experiments.begun(experiment, peer);

@@ -43,7 +43,7 @@ impl Desk {
             Switch::On => Wanted::On { seed: seed.unwrap_or(now_ns() as u32) },
             Switch::Off => Wanted::Off,
         };
-        match self.start_exploring(wanted) {
+        match self.start_exploring(wanted, asked) {
             Ok(ticket) => asked.pending(What::Explore(Switching { ticket, wanted })),
             Err(why) => self.over("explore", asked.peer, Err(why)),
         }
@@ -56,7 +56,7 @@ impl Desk {
         }
     }
 
-    fn start_exploring(&self, wanted: Wanted) -> Result<Ticket, String> {
+    fn start_exploring(&self, wanted: Wanted, asked: Asked) -> Result<Ticket, String> {
         if wanted != Wanted::Off {
             let Some(handle) = &self.options.policies else { return Err(NO_POLICIES.to_owned()) };
             why_not(self.live_status().as_ref(), handle).map_or(Ok(()), Err)?;
@@ -68,7 +68,7 @@ impl Desk {
             Wanted::On { seed } => Some(ExplorationRules { seed, ..self.options.exploration }),
             Wanted::Off => None,
         };
-        self.ask_tick(Request::Explore(rules))
+        self.ask_tick(Request::Explore(rules), asked.since)
     }
 
     /// Whether switching exploration is over, and how; `None` while it may still go either way.
@@ -83,8 +83,9 @@ impl Desk {
             (Fate::Waiting, _) if self.options.mailbox.withdraw(ticket) => {
                 Some(Err(format!("no tick took it in time, so it was withdrawn; {}", self.no_session())))
             }
+            (Fate::Fell, _) => Some(Err(self.why_fell(asked))),
             (Fate::Withdrawn, _) => Some(Err(WITHDRAWN.to_owned())),
-            _ => {
+            (Fate::Waiting | Fate::Taken, _) => {
                 Some(Err("no policy has all of the command at this moment; `controller policies` tells why".to_owned()))
             }
         }

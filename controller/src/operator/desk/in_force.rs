@@ -33,15 +33,9 @@ impl Desk {
         if let Some(handle) = &self.options.policies {
             (running.policy, running.policy_sha256) = handle.policies.active();
             running.why_fallback = handle.policies.why_fallback();
-            running.reach = handle.models.reach();
+            running.reach = handle.models.reach().range();
         }
         running.on_model(model)
-    }
-
-    /// One line about the reference that is followed once armed, where it asks for more than the rig gives by the model in force.
-    pub(super) fn beyond_reach(&self) -> Option<String> {
-        let (handle, reference) = self.options.policies.as_ref().zip(self.options.followed.as_ref())?;
-        handle.models.beyond_reach(reference)
     }
 
     /// Tells live viewers the state, as an operator would be answered it.

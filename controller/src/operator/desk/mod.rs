@@ -10,6 +10,7 @@
 //! | `disarming` | disarm, and what is known of the vents then |
 //! | `in_force` | state, policy, model and reference as they are told, to live viewers too |
 //! | `references` | another reference: by an operator, by a configuration that was read again |
+//! | `reach` | whether the rig reaches a reference, worked out aside |
 //! | `policies` | policies listed, swapped, taken back; another model |
 //! | `exploration` | noise on the active policy's answers |
 //! | `experiments`, `experiment_desk` | an experiment: how it is asked for and begins; what becomes of it |
@@ -27,18 +28,20 @@ use proto::reference::Reference;
 use crate::config::{ReferenceChoice, Safety};
 use crate::experiment::experiment_log::ExperimentLog;
 use crate::machine::clock::now_ns;
-use crate::operator::mailbox::{OperatorMailbox, Request, Status, Ticket};
+use crate::operator::mailbox::{NotAsked, OperatorMailbox, Request, Status, Stops, Ticket};
 use crate::operator::operator_protocol::{Ask, EFFECT_TIME, Reply};
 use crate::operator::peer::Peer;
 use crate::operator::running::Running;
 use crate::policy_service::PolicyHandle;
 use crate::reload::Reloaded;
 use crate::session::live_stream::Tap;
-use disarming::Disarming;
+use arming::Acknowledging;
+use disarming::{DisarmedBy, Disarming};
 use experiment_desk::ExperimentDesk;
 use experiments::{Beginning, Checking};
 use exploration::Switching;
 use policies::{Change, Rollbacks};
+use reach::{ReachWork, Remarking};
 use references::{Configured, Following, Reading};
 
 mod answers;
@@ -49,6 +52,7 @@ mod experiments;
 mod exploration;
 mod in_force;
 mod policies;
+mod reach;
 mod references;
 
 pub use experiment_desk::{ExperimentOutcome, ExperimentView};
@@ -99,8 +103,12 @@ pub struct Desk {
     options: DeskOptions,
     experiments: Option<ExperimentDesk>,
     newest: Option<(Status, u64)>,
+    /// The last request that the tick had taken or passed over when it showed the newest.
+    shown_through: Option<Ticket>,
     /// When live viewers were last told the state.
     viewers_told: Option<Instant>,
+    /// Cause of the last disarming.
+    disarmed_by: Option<DisarmedBy>,
     /// A reference is being read; at most one at a time.
     reading: bool,
     /// The reference of the configuration that was last taken over; an operator's may be followed since.
@@ -108,6 +116,7 @@ pub struct Desk {
     /// Held by the thread that loads a policy, compares a model or checks an experiment, for as long as it lives.
     working: Weak<()>,
     rollbacks: Rollbacks,
+    reach_work: ReachWork,
 }
 
 /// Held by a thread that works on a policy, a model or an experiment; at most one at a time.
@@ -116,8 +125,8 @@ type AtWork = Arc<()>;
 /// Answered while such a thread lives, also one whose client has been answered or has left.
 const BUSY: &str = "another policy, model or experiment is being loaded or checked; try again";
 
-/// Answered to a request that came too late for the tick, or before a disarming.
-const WITHDRAWN: &str = "it was not carried out: a disarming came after it, or no tick in time";
+/// Answered to a request that came too late for the tick.
+const WITHDRAWN: &str = "it was not carried out: no tick in time";
 /// Recorded of a request whose client left before the tick took it.
 const LEFT: &str = "the client went away; withdrawn";
 
@@ -127,19 +136,16 @@ pub struct Pending {
     asked: Asked,
 }
 
-/// Who asks for something, since when, and until when it is answered.
+/// Who asks for something, since when, what had stopped the rig by then, and until when it is answered.
 #[derive(Debug, Clone, Copy)]
 struct Asked {
     peer: Peer,
     at_ns: u64,
+    since: Stops,
     until: Instant,
 }
 
 impl Asked {
-    fn now(peer: Peer, answer_time: Duration) -> Self {
-        Asked { peer, at_ns: now_ns(), until: Instant::now() + answer_time }
-    }
-
     /// True once it has to be answered, whatever there is to say.
     fn is_late(self) -> bool {
         Instant::now() >= self.until
@@ -157,10 +163,11 @@ impl Asked {
 
 enum What {
     Arm(Ticket),
-    Acknowledge(Ticket),
+    Acknowledge(Acknowledging),
     Disarm(Disarming),
     Reading(Reading),
     Following(Following),
+    Remarking(Remarking),
     Change(Change),
     Explore(Switching),
     Checking(Checking),
@@ -184,11 +191,14 @@ impl Desk {
             options,
             experiments,
             newest: None,
+            shown_through: None,
             viewers_told: None,
+            disarmed_by: None,
             reading: false,
             configured,
             working: Weak::new(),
             rollbacks: Rollbacks::default(),
+            reach_work: ReachWork::default(),
         }
     }
 
@@ -204,7 +214,7 @@ impl Desk {
             Ok(ask) => ask,
             Err(error) => return self.done(Err(format!("not a request: {error}"))),
         };
-        let asked = Asked::now(peer, ask.answer_time());
+        let asked = self.asked_now(peer, ask.answer_time());
         match ask {
             Ask::Status {} => self.done(Ok(())),
             Ask::Policies {} => self.list_policies(),
@@ -227,10 +237,11 @@ impl Desk {
         let Pending { what, asked } = pending;
         match what {
             What::Arm(ticket) => self.look_at_arming(ticket, asked),
-            What::Acknowledge(ticket) => self.look_at_acknowledging(ticket, asked),
+            What::Acknowledge(acknowledging) => self.look_at_acknowledging(acknowledging, asked),
             What::Disarm(disarming) => self.look_at_disarming(disarming, asked),
             What::Reading(reading) => self.look_at_reading(reading, asked),
             What::Following(following) => self.look_at_following(following, asked),
+            What::Remarking(remarking) => self.look_at_remarking(remarking, asked),
             What::Change(change) => self.look_at_change(change, asked),
             What::Explore(switching) => self.look_at_exploring(switching, asked),
             What::Checking(checking) => self.look_at_check(checking, asked),
@@ -240,10 +251,11 @@ impl Desk {
 
     /// The client has left: what the tick has not taken yet is withdrawn. A disarming stands.
     pub fn gone(&mut self, pending: Pending) {
-        let Pending { what, asked: Asked { peer, .. } } = pending;
+        let Pending { what, asked } = pending;
+        let peer = asked.peer;
         match what {
             What::Arm(ticket) => self.leave_arming(ticket, peer),
-            What::Acknowledge(ticket) => {
+            What::Acknowledge(Acknowledging { ticket, .. }) => {
                 let outcome = self.withdrawn(ticket);
                 self.record("acknowledge", peer, &outcome);
             }
@@ -253,6 +265,7 @@ impl Desk {
                 self.record("reference", peer, &Err(LEFT.to_owned()));
             }
             What::Following(following) => self.leave_following(following, peer),
+            What::Remarking(remarking) => self.leave_remarking(remarking),
             What::Change(change) => self.leave_change(&change, peer),
             What::Explore(switching) => {
                 let outcome = self.withdrawn(switching.ticket);
@@ -260,14 +273,22 @@ impl Desk {
             }
             What::Checking(checking) => self.leave_check(&checking, peer),
             // What a tick has taken goes on without whoever asked for it.
-            What::Experiment(beginning) => drop(self.experiment_settled(&beginning, peer)),
+            What::Experiment(beginning) => drop(self.experiment_settled(&beginning, asked)),
         }
     }
 
-    /// Asks the tick, which takes it in time or not at all.
-    fn ask_tick(&self, request: Request) -> Result<Ticket, String> {
+    fn asked_now(&self, peer: Peer, answer_time: Duration) -> Asked {
+        let since = self.options.mailbox.stops();
+        Asked { peer, at_ns: now_ns(), since, until: Instant::now() + answer_time }
+    }
+
+    /// Asks the tick, which takes it in time or not at all; not where a stop came after `since` with which it falls.
+    fn ask_tick(&self, request: Request, since: Stops) -> Result<Ticket, String> {
         let until_ns = now_ns().saturating_add(EFFECT_TIME.as_nanos() as u64);
-        self.options.mailbox.ask(request, until_ns).ok_or_else(|| "too many requests wait; try again".to_owned())
+        self.options.mailbox.ask(request, until_ns, since).map_err(|why| match why {
+            NotAsked::TooMany => "too many requests wait; try again".to_owned(),
+            NotAsked::Stopped(stop) => self.stopped(stop),
+        })
     }
 
     /// Whether a thread works on a policy, a model or an experiment.
@@ -287,3 +308,6 @@ impl Desk {
         if self.options.mailbox.withdraw(ticket) { Err(LEFT.to_owned()) } else { Ok(()) }
     }
 }
+
+#[cfg(test)]
+mod tests;

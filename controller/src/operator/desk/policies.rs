@@ -25,8 +25,8 @@ const MOST_ROLLBACKS: usize = 8;
 const ROLLBACKS_WAIT: &str = "too many rollbacks wait for a tick already; try again";
 /// Stack of a thread that takes a policy back: it reads no file and computes nothing, and all memory is locked.
 const ROLLBACK_STACK_BYTES: usize = 256 << 10;
-/// Stack of a thread that loads a policy or compares a model.
-const WORK_STACK_BYTES: usize = 2 << 20;
+/// Stack of a thread that loads a policy, compares a model or works out what it reaches.
+pub(super) const WORK_STACK_BYTES: usize = 2 << 20;
 
 /// Outcome of a change: a line that says what was done, or why it was not.
 type Outcome = Result<String, String>;
@@ -124,18 +124,18 @@ impl Desk {
             return self.over(&what, peer, Err(ROLLBACKS_WAIT.to_owned()));
         };
         let work = Work { time: EFFECT_TIME, stack_bytes: ROLLBACK_STACK_BYTES, at_work };
-        self.aside(what, Asked::now(peer, EFFECT_TIME), work, |handle, who, permit| {
-            handle.policies.rollback(who, permit)
-        })
+        let asked = self.asked_now(peer, EFFECT_TIME);
+        self.aside(what, asked, work, |handle, who, permit| handle.policies.rollback(who, permit))
     }
 
     pub(super) fn begin_model(&mut self, file: PathBuf, asked: Asked) -> Step {
-        let (notes, followed) = (self.options.notes.clone(), self.options.followed.clone());
+        let (notes, followed, safety) =
+            (self.options.notes.clone(), self.options.followed.clone(), self.options.safety);
         self.one_at_a_time(format!("model {}", file.display()), asked, move |handle, _, permit| {
-            let changed = handle.models.change(&file, permit)?;
+            let changed = handle.models.change(&file, safety, permit)?;
             changed.keep(&notes);
             handle.policies.model_changed(handle.models.rig());
-            let beyond = followed.and_then(|reference| handle.models.beyond_reach(&reference));
+            let beyond = followed.and_then(|reference| handle.models.reach().beyond(&reference));
             Ok(beyond.map_or(changed.line.clone(), |beyond| format!("{}; {beyond}", changed.line)))
         })
     }

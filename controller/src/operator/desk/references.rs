@@ -10,6 +10,7 @@ use proto::recording::EventLevel;
 use proto::reference::{Reference, ReferenceError};
 
 use super::answers::one_line;
+use super::reach::Carried;
 use super::{Asked, Desk, Step, What};
 use crate::machine::clock::now_ns;
 use crate::operator::mailbox::{Fate, Request, Ticket};
@@ -96,7 +97,8 @@ impl Desk {
             }
         };
         let (csv, kept) = (reference.to_csv(), Arc::new(reference.clone()));
-        match self.ask_tick(Request::Reference(Box::new(reference))) {
+        // It moves nothing on a rig that was disarmed while it was read: whoever arms follows the newest.
+        match self.ask_tick(Request::Reference(Box::new(reference)), self.options.mailbox.stops()) {
             Ok(ticket) => {
                 let following = Following { ticket, name, csv, reference: kept, remarks };
                 asked.taking(EFFECT_TIME).pending(What::Following(following))
@@ -114,10 +116,10 @@ impl Desk {
         let what = format!("reference {}", following.name);
         if fate == Fate::Taken || (fate == Fate::Waiting && !self.options.mailbox.withdraw(following.ticket)) {
             self.reference_taken(&following.name, following.csv, following.reference);
-            let remark = self.remark(following.remarks);
-            return self.over_remarking(&what, asked.peer, remark);
+            return self.over_remarking(Carried::Reference, &what, following.remarks, asked);
         }
-        let why = format!("no tick took it; {}", self.no_session());
+        let why =
+            if fate == Fate::Fell { self.why_fell(asked) } else { format!("no tick took it; {}", self.no_session()) };
         self.over(&what, asked.peer, Err(why))
     }
 
@@ -126,6 +128,7 @@ impl Desk {
         let outcome = self.withdrawn(following.ticket);
         let what = format!("reference {}", following.name);
         if outcome.is_ok() {
+            self.record_reach_later(Arc::clone(&following.reference));
             self.reference_taken(&following.name, following.csv, following.reference);
         }
         self.record(&what, peer, &outcome);
@@ -147,9 +150,9 @@ impl Desk {
                 continue;
             }
             let (level, text) = match self.take_over(&name, reference) {
-                Ok(remark) => {
+                Ok(remarks) => {
                     self.configured = Some(new);
-                    self.note_remark(remark.as_deref());
+                    remarks.iter().for_each(|remark| self.note_remark(remark));
                     (EventLevel::Info, format!("reference {name} taken over"))
                 }
                 // It is tried again when the file is read the next time.
@@ -159,29 +162,25 @@ impl Desk {
         }
     }
 
-    /// Has the tick follow a reference that a configuration names; answers what a person should know of it. It is judged by
-    /// the limits in force: others that came in the same file wait for a restart.
-    fn take_over(&mut self, name: &str, reference: Reference) -> Result<Option<String>, String> {
+    /// Has the tick follow a reference that a configuration names; answers what a person should know of it; what the
+    /// model says of it is recorded later. It is judged by the limits in force: others that came in the same file wait for a restart.
+    fn take_over(&mut self, name: &str, reference: Reference) -> Result<Vec<String>, String> {
         let remarks = examine(&reference, &self.options.safety, &self.options.reference).map_err(|why| {
             format!("{why}, or restart: until then [safety] and reference.repeat stay as they were at the start")
         })?;
         let (csv, kept) = (reference.to_csv(), Arc::new(reference.clone()));
         let stands_by = self.live_status().is_some_and(|status| !status.state.is_controlling());
-        if !stands_by || self.options.mailbox.ask(Request::Reference(Box::new(reference)), u64::MAX).is_none() {
+        let mailbox = &self.options.mailbox;
+        let request = Request::Reference(Box::new(reference));
+        if !stands_by || mailbox.ask(request, u64::MAX, mailbox.stops()).is_err() {
             return Err(
                 "that needs a session and a rig that is not controlled; send SIGHUP again then, or `controller reference FILE` at any time"
                     .to_owned(),
             );
         }
+        self.record_reach_later(Arc::clone(&kept));
         self.reference_taken(name, csv, kept);
-        Ok(self.remark(about(name, remarks)))
-    }
-
-    /// One line of what is known of the reference that is followed now, with what the model in force says of it; `None` where
-    /// there is nothing.
-    fn remark(&self, mut remarks: Vec<String>) -> Option<String> {
-        remarks.extend(self.beyond_reach());
-        (!remarks.is_empty()).then(|| remarks.join("; "))
+        Ok(about(name, remarks))
     }
 
     /// The tick follows another reference: those who ask are told, and the recording holds it.

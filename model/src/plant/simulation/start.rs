@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::Simulation;
+use crate::observation::TICKS_PER_S;
 use crate::plant::MOST_DRIVES;
 use crate::plant::dispatch::Simulated;
 use crate::plant::residual::Variable;
@@ -30,8 +31,8 @@ impl FreeRunStart {
 /// the sensors' noise of 110 Pa, far below what one revolution of the pump does (4.7 kPa).
 const AT_REST_PA: f64 = 500.0;
 
-/// Ticks after which held cylinders are periodic.
-const SETTLING_TICKS: usize = 30;
+/// Rounds of a held rig ([`Simulation::ticks_in_a_round`]) after which its cylinders are periodic.
+const SETTLING_ROUNDS: usize = 30;
 
 impl<R: Simulated> Simulation<R> {
     /// Sets the memory of the command paths as if `inputs` had been commanded for ever.
@@ -123,6 +124,12 @@ impl<R: Simulated> Simulation<R> {
         self.reset_sensors();
     }
 
+    /// Ticks after which a held rig's chambers are put back to where they were: as many as go into a row of recordings, 20 ms,
+    /// whatever the rig's own tick is. Put back more often they would lose their ripple in the middle of a revolution.
+    pub(super) fn ticks_in_a_round(&self) -> usize {
+        (1.0 / (TICKS_PER_S * self.plant.tick_s())).round().max(1.0) as usize
+    }
+
     /// Turns the pumps until their cylinders repeat themselves, chambers standing as they are, and ends where cranks
     /// stand now.
     pub(super) fn settle_cylinders(&mut self, inputs: &[R]) {
@@ -131,20 +138,23 @@ impl<R: Simulated> Simulation<R> {
         // One tick tells the speeds; a tick need not be a whole number of revolutions, so cranks start as far back.
         self.tick(inputs);
         self.state = held;
-        let time = R::splat(plant.tick_s() * SETTLING_TICKS as f64);
+        let ticks = self.ticks_in_a_round();
+        let time = R::splat(plant.tick_s() * (SETTLING_ROUNDS * ticks) as f64);
         for (phase, speed) in self.state.phase.iter_mut().zip(&self.scratch.speeds) {
             *phase = (*phase - *speed * time).map(|p| p - p.floor());
         }
         // A revolution forgets about a third of its start (the outlet valve is tight), so thirty leave 1e-5 of it.
-        for _ in 0..SETTLING_TICKS {
-            self.tick(inputs);
+        for _ in 0..SETTLING_ROUNDS {
+            for _ in 0..ticks {
+                self.tick(inputs);
+                // What comes with time stands still meanwhile.
+                self.state.ticks = held.ticks;
+            }
             for node in (0..plant.chambers).chain(plant.slow_states()) {
                 if let (Some(slot), Some(value)) = (self.state.x.get_mut(node), held.x.get(node)) {
                     *slot = *value;
                 }
             }
-            // What comes with time stands still meanwhile, too.
-            self.state.ticks = held.ticks;
         }
         self.state.phase = held.phase;
         self.state.memory = held.memory;

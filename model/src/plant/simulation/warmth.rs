@@ -15,8 +15,9 @@ use std::sync::Arc;
 use super::Simulation;
 use crate::plant::dispatch::Simulated;
 
-/// Ticks over which flows are averaged: a crank need not be back where it was after one.
-const AVERAGED_TICKS: usize = 10;
+/// Rounds of a held rig ([`Simulation::ticks_in_a_round`]) over which flows are averaged: a crank need not be back where it was
+/// after one.
+const AVERAGED_ROUNDS: usize = 10;
 
 impl<R: Simulated> Simulation<R> {
     /// Tells whether gas in some chamber is warmer or colder than its walls at times.
@@ -60,11 +61,15 @@ impl<R: Simulated> Simulation<R> {
         self.settle_commands(&shut);
         let kappa = plant.heat_capacity_ratio;
         let beyond = kappa - R::splat(1.0);
-        let time = R::splat(plant.tick_s());
+        let ticks = self.ticks_in_a_round();
+        let round_s = plant.tick_s() * ticks as f64;
+        let time = R::splat(round_s);
         // Σ Δm in kg and Σ Δ(m T) of what flows, in kg K.
         let mut gained = vec![[zero; 2]; plant.thermal.len()];
-        for _ in 0..AVERAGED_TICKS {
-            self.tick(&shut);
+        for _ in 0..AVERAGED_ROUNDS {
+            for _ in 0..ticks {
+                self.tick(&shut);
+            }
             for (chamber, [mass, heat]) in plant.thermal.iter().zip(&mut gained) {
                 let of = |x: &[R]| [chamber.node, chamber.temperature].map(|at| x.get(at).copied().unwrap_or(zero));
                 let ([p0, t0], [p, t]) = (of(&held.x), of(&self.state.x));
@@ -82,7 +87,7 @@ impl<R: Simulated> Simulation<R> {
             }
         }
         self.state = held;
-        let per_second = R::splat(1.0 / (plant.tick_s() * AVERAGED_TICKS as f64));
+        let per_second = R::splat(1.0 / (round_s * AVERAGED_ROUNDS as f64));
         let heat_capacity = kappa * plant.gas_constant / beyond;
         for (chamber, [mass, heat]) in plant.thermal.iter().zip(gained) {
             let (wall, conductance) = (chamber.wall_temperature, chamber.wall_conductance);

@@ -209,6 +209,72 @@ pub enum CsvError {
         /// Usual distance of rows (ms).
         period_ms: f64,
     },
+    /// A LabVIEW segment that its clock puts before the end of the one before.
+    #[error(
+        "{file}: line {line}: by the clock in its head, {clock}, the segment that begins here starts {} s before the one before it ends: the clock was set back{mend}; make a file of each segment, or put the right Date and Time into the heads from this one on", to_a_microsecond(*.early_s)
+    )]
+    SegmentClock {
+        /// The file.
+        file: String,
+        /// Line of the segment's names, from 1.
+        line: u64,
+        /// Date and time in its head.
+        clock: String,
+        /// Time by which it begins too early (s).
+        early_s: f64,
+        /// A guess at the reason, or nothing.
+        mend: &'static str,
+    },
+    /// A second header that names other columns than the first, or other units.
+    #[error(
+        "{file}: line {line}: another header begins here: {found} where the first has {expected}; make a file of each"
+    )]
+    AnotherHeader {
+        /// The file.
+        file: String,
+        /// Line of the second header or of its units, from 1.
+        line: u64,
+        /// Cells of it that differ.
+        found: String,
+        /// What the first has there.
+        expected: String,
+    },
+    /// A column whose cells have several units.
+    #[error("{file}: line {line}, column {position} ({column}): units change in this line ({units}); write one unit")]
+    UnitsChange {
+        /// The file.
+        file: String,
+        /// Line of the first cell that has another unit, or none, from 1.
+        line: u64,
+        /// Column, from 1.
+        position: usize,
+        /// Its name.
+        column: String,
+        /// The first cell's unit and the other one.
+        units: String,
+    },
+    /// A second column of times whose rows are not those of the first.
+    #[error(
+        "{file}: {}column {position} ({column}): a second clock: this column and those to the right of it fill {own} rows and {first}, the time, fills {rows}, so that a row is not one moment; {why}; make a file of each clock", .line.map(|line| format!("line {line}, ")).unwrap_or_default()
+    )]
+    SecondClock {
+        /// The file.
+        file: String,
+        /// Line of the header, from 1; none where there is none.
+        line: Option<u64>,
+        /// Column, from 1.
+        position: usize,
+        /// Its name.
+        column: String,
+        /// Rows that it fills.
+        own: usize,
+        /// Name of the first column of times.
+        first: String,
+        /// Rows that the first fills.
+        rows: usize,
+        /// The reason for which the two cannot be brought together.
+        why: &'static str,
+    },
     /// Channels with times of their own that cannot be brought together.
     #[error(
         "{file}: line {line}, column {position}: this column of times is another than the first, and cannot be brought together with it: a cell is no number, or times do not go forward; write one file per channel, or all channels at one rate"

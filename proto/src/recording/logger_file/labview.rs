@@ -11,10 +11,11 @@ use std::borrow::Cow;
 
 use model::rig::{Decimal, RecordingMap, Separator};
 
+use super::labview_segments::{self, SetBack};
 use super::logger_text::{LastRow, Row, fill, filled, next};
 use super::sheet::{Cells, Sheet, SheetColumn, is_data};
 use super::table_head::Head;
-use super::{labview_rates, labview_segments};
+use super::{own_clocks, second_header};
 use crate::recording::csv::CsvError;
 use crate::recording::csv::cells::{Comments, Grammar, Rows};
 use crate::recording::times::timestamps;
@@ -84,6 +85,13 @@ pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
                 if head.line.is_none() {
                     head.line = Some(line);
                     head.names = row.iter().map(ToString::to_string).collect();
+                    head.units.clone_from(&units);
+                } else if row.iter().map(AsRef::as_ref).ne(head.names.iter().map(String::as_str)) {
+                    let names: Vec<&str> = head.names.iter().map(String::as_str).collect();
+                    return Err(second_header::another(file, line, &row, &names));
+                } else if units != head.units {
+                    let first: Vec<&str> = head.units.iter().map(AsRef::as_ref).collect();
+                    return Err(second_header::another(file, line, &units, &first));
                 }
             }
             _ if !in_head => rows.push((line, row)),
@@ -103,7 +111,7 @@ pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
         TIME.clone_into(name);
     }
     // Units are those of the channels, which stand behind the times.
-    head.units = has_times.then_some(Cow::Borrowed("s")).into_iter().chain(units).collect();
+    head.units = has_times.then_some(Cow::Borrowed("s")).into_iter().chain(head.units).collect();
     let mut sheet = Sheet {
         file: file.to_owned(),
         header_line: head.line,
@@ -120,7 +128,7 @@ pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
         sheet.manner.push(format!("{} segments", segments.len()));
     }
     let last = if text.ends_with('\n') { LastRow::Whole } else { LastRow::MayBeCut };
-    fill(&mut sheet, &head, &rows, last)?;
+    fill(&mut sheet, (&head, &[]), &rows, last)?;
     if !has_times {
         let cells = Cells::Text(vec![Cow::Borrowed(""); sheet.rows()]);
         sheet.columns.insert(0, SheetColumn { unit: Some("s".to_owned()), ..SheetColumn::new(TIME, cells) });
@@ -151,15 +159,21 @@ impl Segment {
 }
 
 /// Times of the first rows of segments (s), which have `rows` each.
-fn begun_s(segments: &[Segment], rows: &[usize]) -> Vec<f64> {
+fn begun_s(segments: &[Segment], rows: &[usize]) -> Result<Vec<f64>, SetBack> {
     let first = segments.first().map_or(0.0, |segment| segment.first_s);
     if segments.iter().any(|segment| segment.first_s != first) {
-        return segments.iter().map(|segment| segment.first_s).collect();
+        return Ok(segments.iter().map(|segment| segment.first_s).collect());
     }
     let clocks_s = clocks_s(segments);
     if clocks_s.windows(2).any(|pair| pair[0] != pair[1]) {
+        let lasts = segments.iter().zip(rows).map(|(segment, rows)| segment.step_s * *rows as f64);
+        let ends = clocks_s.iter().zip(lasts).map(|(begun, lasts)| begun + lasts);
+        let early = ends.zip(clocks_s.iter().skip(1)).map(|(end, next)| end - next);
+        if let Some(set_back) = early.zip(1..).find_map(|(early_s, next)| SetBack::of(next, early_s, &clocks_s)) {
+            return Err(set_back);
+        }
         let begun = clocks_s.first().copied().unwrap_or(0.0);
-        return clocks_s.iter().map(|clock| first + clock - begun).collect();
+        return Ok(clocks_s.iter().map(|clock| first + clock - begun).collect());
     }
     let mut at = first;
     let each = segments.iter().zip(rows).map(|(segment, rows)| {
@@ -167,14 +181,26 @@ fn begun_s(segments: &[Segment], rows: &[usize]) -> Vec<f64> {
         at += segment.step_s * *rows as f64;
         begun
     });
-    each.collect()
+    Ok(each.collect())
 }
 
 /// When segments began by the clock in their heads (s); none where one of them is no time.
 fn clocks_s(segments: &[Segment]) -> Vec<f64> {
     let clocks: Vec<String> = segments.iter().map(|segment| segment.clock.join(" ")).collect();
     let clocks: Vec<&str> = clocks.iter().map(String::as_str).collect();
-    timestamps::column_s(&clocks).unwrap_or_default()
+    timestamps::moments_s(&clocks).unwrap_or_default()
+}
+
+/// The error of a segment whose clock was set back.
+fn set_back(file: &str, segments: &[Segment], of: SetBack) -> CsvError {
+    let segment = segments.get(of.segment);
+    CsvError::SegmentClock {
+        file: file.to_owned(),
+        line: segment.map_or(1, |segment| segment.line),
+        clock: segment.map_or_else(String::new, |segment| segment.clock.join(" ")),
+        early_s: of.early_s,
+        mend: if of.may_be_summer_time() { " (as at the end of summer time)" } else { "" },
+    }
 }
 
 /// First rows of segments, and the number of all rows behind them.
@@ -184,13 +210,13 @@ fn bounds(lines: &[u64], segments: &[Segment]) -> Vec<usize> {
 }
 
 /// Times by row, of `lines`, where the file has no column of them (s).
-fn steps_of(lines: &[u64], segments: &[Segment]) -> Vec<f64> {
+fn steps_of(lines: &[u64], segments: &[Segment]) -> Result<Vec<f64>, SetBack> {
     let rows: Vec<usize> = bounds(lines, segments).windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let begun = begun_s(segments, &rows);
+    let begun = begun_s(segments, &rows)?;
     let of = |((segment, begun), rows): ((&Segment, f64), usize)| {
         (0..rows).map(move |row| begun + segment.step_s * row as f64).collect::<Vec<_>>()
     };
-    segments.iter().zip(begun).zip(rows).flat_map(of).collect()
+    Ok(segments.iter().zip(begun).zip(rows).flat_map(of).collect())
 }
 
 /// Makes the one column of times: from `X0` and `Delta_X` where it is empty; the first of several that are alike; the finest where
@@ -205,18 +231,20 @@ fn timed(sheet: &mut Sheet<'_>, segments: &[Segment]) -> Result<(), CsvError> {
     };
     if sheet.columns.get(first).is_some_and(empty) {
         let step_s = segments.first().map_or(0.0, |segment| segment.step_s);
-        let numbers = steps_of(&sheet.lines, segments);
+        let numbers = steps_of(&sheet.lines, segments).map_err(|of| set_back(&sheet.file, segments, of))?;
         if let Some(column) = sheet.columns.get_mut(first) {
             column.cells = Cells::Numbers(numbers);
         }
         sheet.manner.push(format!("times from X0 and Delta_X = {step_s} s"));
         return Ok(());
     }
-    labview_segments::put_in_order(sheet, &times, &bounds(&sheet.lines, segments), &clocks_s(segments));
+    let bounds = bounds(&sheet.lines, segments);
+    labview_segments::put_in_order(sheet, &times, &bounds, &clocks_s(segments))
+        .map_err(|of| set_back(&sheet.file, segments, of))?;
     let cells = |at: usize| sheet.columns.get(at).map(|column| &column.cells);
     let others: Vec<usize> = times.iter().copied().skip(1).filter(|other| cells(*other) != cells(first)).collect();
     if let Some(other) = others.first() {
-        return match labview_rates::joined(sheet, &times) {
+        return match own_clocks::joined(sheet, &times) {
             Some(joined) => {
                 *sheet = joined;
                 Ok(())

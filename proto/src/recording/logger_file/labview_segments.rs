@@ -2,7 +2,8 @@
 //!
 //! Each segment's head says when it began (`Date`, `Time`). Where these clocks put the segments one behind another, times are counted from
 //! the first segment's begin. Where they do not, times stay as they are and the reader refuses them: rows of different segments must never
-//! be mixed.
+//! be mixed. A clock that was set back by more than a minute, as at the end of summer time, is refused here: nobody knows how long the
+//! pause was.
 
 use std::borrow::Cow;
 
@@ -12,11 +13,46 @@ use crate::recording::rows::resample::median_step;
 
 /// Steps by which a segment may begin too early by its clock, which the program reads when it comes to it.
 const EARLY_STEPS: f64 = 2.0;
+/// A segment that begins longer than this before the one before it ends has a clock that was set back (s): programs are late by less.
+const SET_BACK_S: f64 = 60.0;
+/// Seconds that a clock is set back by at the end of summer time, and one for the reading of it.
+const SUMMER_TIME_S: f64 = 3601.0;
+
+/// A segment that its clock puts before the end of the one before.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct SetBack {
+    /// Place of the segment, from 0.
+    pub(crate) segment: usize,
+    /// Time by which it begins too early (s).
+    pub(crate) early_s: f64,
+}
+
+impl SetBack {
+    /// The segment at this place, where it begins too early by so much and its clock has moved since the one before.
+    pub(crate) fn of(segment: usize, early_s: f64, clocks_s: &[f64]) -> Option<Self> {
+        let before = segment.checked_sub(1).and_then(|before| clocks_s.get(before));
+        let has_moved = before.is_some() && before != clocks_s.get(segment);
+        (has_moved && early_s > SET_BACK_S).then_some(SetBack { segment, early_s })
+    }
+
+    /// Tells whether summer time may have ended in between.
+    pub(crate) fn may_be_summer_time(self) -> bool {
+        self.early_s <= SUMMER_TIME_S
+    }
+}
 
 /// Brings columns of times that begin anew to one course; `bounds` are the first rows of the segments and the end of the last, `clocks_s`
 /// the times when they began.
-pub(crate) fn put_in_order(sheet: &mut Sheet<'_>, times: &[usize], bounds: &[usize], clocks_s: &[f64]) {
-    let Some(begun_s) = begun(sheet, times, bounds, clocks_s) else { return };
+///
+/// # Errors
+/// A segment whose clock was set back.
+pub(crate) fn put_in_order(
+    sheet: &mut Sheet<'_>,
+    times: &[usize],
+    bounds: &[usize],
+    clocks_s: &[f64],
+) -> Result<(), SetBack> {
+    let Some(begun_s) = begun(sheet, times, bounds, clocks_s)? else { return Ok(()) };
     for at in times {
         let decimal = sheet.decimal;
         let Some(Cells::Text(texts)) = sheet.columns.get_mut(*at).map(|column| &mut column.cells) else { continue };
@@ -29,33 +65,37 @@ pub(crate) fn put_in_order(sheet: &mut Sheet<'_>, times: &[usize], bounds: &[usi
         }
     }
     sheet.manner.push("times that begin anew in each segment counted from its clock".to_owned());
+    Ok(())
 }
 
-/// What must be added to the times of each segment (s); `None` where times go on as they are, or where clocks do not say it.
-fn begun(sheet: &Sheet<'_>, times: &[usize], bounds: &[usize], clocks_s: &[f64]) -> Option<Vec<f64>> {
+/// Seconds to add to the times of each segment; `None` where times go on as they are, or where clocks do not say it.
+fn begun(sheet: &Sheet<'_>, times: &[usize], bounds: &[usize], clocks_s: &[f64]) -> Result<Option<Vec<f64>>, SetBack> {
     let segments: Option<Vec<[f64; 2]>> = bounds.windows(2).map(|span| ends(sheet, times, span[0]..span[1])).collect();
-    let segments = segments?;
+    let Some(segments) = segments else { return Ok(None) };
     if segments.windows(2).all(|pair| pair[1][0] > pair[0][1]) || clocks_s.len() != segments.len() {
-        return None;
+        return Ok(None);
     }
     let step_s = bounds.windows(2).find_map(|span| {
         let column = times.first().and_then(|at| numbers(sheet, *at, span[0]..span[1]));
         median_step(&column?)
-    })?;
-    let first_s = clocks_s.first()?;
+    });
+    let (Some(step_s), Some(first_s)) = (step_s, clocks_s.first()) else { return Ok(None) };
     let mut begun = Vec::with_capacity(segments.len());
     let mut before = f64::NEG_INFINITY;
-    for ([first, last], clock_s) in segments.iter().zip(clocks_s) {
+    for (segment, ([first, last], clock_s)) in segments.iter().zip(clocks_s).enumerate() {
         let by_clock = clock_s - first_s;
         let early = before + step_s - (first + by_clock);
+        if let Some(set_back) = SetBack::of(segment, early, clocks_s) {
+            return Err(set_back);
+        }
         if early > EARLY_STEPS * step_s {
-            return None;
+            return Ok(None);
         }
         let by_clock = if first + by_clock > before { by_clock } else { by_clock + early };
         begun.push(by_clock);
         before = last + by_clock;
     }
-    Some(begun)
+    Ok(Some(begun))
 }
 
 /// The first and the last time in some rows, of all columns of times; `None` where there is none.

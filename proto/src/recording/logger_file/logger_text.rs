@@ -20,6 +20,7 @@ use model::rig::{Decimal, RecordingMap, Separator};
 use super::labview;
 use super::remarks::Remarks;
 use super::row_names;
+use super::second_header::{self, Repeated, SecondHeader};
 use super::sheet::{Cells, Sheet, SheetColumn, is_data};
 use super::table_head::Head;
 use crate::recording::csv::CsvError;
@@ -49,7 +50,7 @@ pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
         return labview::sheet(file, text, map);
     }
     let grammar = Grammar { separator: manner.separator, comments: Comments::Marked };
-    let (rows, comment, whole) = rows(file, text, grammar)?;
+    let AllRows { rows, comment, later_comments, last } = rows(file, text, grammar)?;
     let head = Head::of(file, &rows, &manner, map, comment)?;
     let mut sheet = Sheet {
         file: file.to_owned(),
@@ -65,14 +66,15 @@ pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
     }
     if head.in_comment {
         sheet.manner.push("names of columns in a comment line".to_owned());
+        second_header::check_comments(file, &head, &later_comments, &manner)?;
     }
-    let body = rows.get(head.first..).unwrap_or_default();
+    let (above, body) = rows.split_at(head.first.min(rows.len()));
     let named = row_names::lifted(&head.names, body, manner.decimal);
     if named.is_some() {
         sheet.manner.push("row names in the first column, which the header has no name for, left out".to_owned());
     }
     let body = named.as_deref().unwrap_or(body);
-    fill(&mut sheet, &head, body, if whole { LastRow::Whole } else { LastRow::MayBeCut })?;
+    fill(&mut sheet, (&head, above), body, last)?;
     Ok(sheet)
 }
 
@@ -196,21 +198,33 @@ fn decimal_of(rows: &[Vec<&str>], separator: Separator) -> Decimal {
     if count(',') > count('.') { Decimal::Comma } else { Decimal::Point }
 }
 
-/// All rows of a text, the last comment before the first of them with its line, and whether the last row has a line end.
-type AllRows<'a> = (Vec<Row<'a>>, Option<(u64, &'a str)>, bool);
+/// All rows of a text, and the comments beside them.
+struct AllRows<'a> {
+    rows: Vec<Row<'a>>,
+    /// The last comment before the first row, with its line.
+    comment: Option<(u64, &'a str)>,
+    /// The last ones before later rows.
+    later_comments: Vec<(u64, &'a str)>,
+    last: LastRow,
+}
 
 fn rows<'a>(file: &str, text: &'a str, grammar: Grammar) -> Result<AllRows<'a>, CsvError> {
     let mut walk = Rows::with(text.as_bytes(), grammar);
-    let (mut found, mut cells, mut comment) = (Vec::new(), Vec::new(), None);
+    let (mut found, mut cells): (Vec<Row<'a>>, _) = (Vec::new(), Vec::new());
+    let (mut comment, mut later_comments): (Option<(u64, &str)>, Vec<(u64, &str)>) = (None, Vec::new());
     while let Some(row) = next(file, &mut walk, &mut cells)? {
+        let before = walk.last_comment().map(|(line, text)| (line, std::str::from_utf8(text).unwrap_or_default()));
         if found.is_empty() {
-            comment = walk.last_comment().map(|(line, text)| (line, std::str::from_utf8(text).unwrap_or_default()));
+            comment = before;
+        } else if before != later_comments.last().copied().or(comment) {
+            later_comments.extend(before);
         }
         if !is_ruled(&row.1) {
             found.push(row);
         }
     }
-    Ok((found, comment, text.ends_with('\n')))
+    let last = if text.ends_with('\n') { LastRow::Whole } else { LastRow::MayBeCut };
+    Ok(AllRows { rows: found, comment, later_comments, last })
 }
 
 /// Whether a row is a line that somebody drew (`-----+-----` under a database's header): one cell, and no sign that says anything.
@@ -256,10 +270,10 @@ fn behind_the_data(file: &str, lines: usize, from: u64) -> String {
     format!("{file}: {} of text behind the data, from line {from} on", counted(lines, "line"))
 }
 
-/// Puts the rows below a head into the columns of a sheet.
+/// Puts the rows below a head, with the rows that it stands in, into the columns of a sheet.
 pub(crate) fn fill<'a>(
     sheet: &mut Sheet<'a>,
-    head: &Head<'a>,
+    (head, above): (&Head<'a>, &[Row<'a>]),
     rows: &[Row<'a>],
     last: LastRow,
 ) -> Result<(), CsvError> {
@@ -272,12 +286,17 @@ pub(crate) fn fill<'a>(
     }
     let remarks = Remarks::of(rows, &head.names, width, sheet.decimal);
     let mut texts: Vec<Vec<Cow<'a, str>>> = vec![Vec::with_capacity(rows.len()); width];
-    let names: Vec<&str> = head.names.iter().map(String::as_str).collect();
+    let mut second_header = SecondHeader::new(head, above, sheet.decimal);
     let (mut passed_over, mut noted) = (Vec::new(), Vec::new());
-    for (index, (line, row)) in rows.iter().enumerate() {
-        if row.iter().map(AsRef::as_ref).eq(names.iter().copied()) {
-            sheet.notes.push(format!("{}: line {line}: the header stands here again; passed over", sheet.file));
-            continue;
+    for (index, of_line) in rows.iter().enumerate() {
+        let (line, row) = of_line;
+        match second_header.repeated(&sheet.file, of_line)? {
+            Some(Repeated::Names) => {
+                sheet.notes.push(format!("{}: line {line}: the header stands here again; passed over", sheet.file));
+                continue;
+            }
+            Some(Repeated::Beside) => continue,
+            None => {}
         }
         if let Some(text) = remarks.line(row) {
             passed_over.push((*line, crate::recording::csv::shown(text)));

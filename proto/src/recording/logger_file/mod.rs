@@ -2,13 +2,15 @@
 
 pub(crate) mod file_kind;
 pub(crate) mod labview;
-pub(crate) mod labview_rates;
 pub(crate) mod labview_segments;
 pub(crate) mod logger_text;
 pub(crate) mod long_format;
 pub(crate) mod mat5;
+pub(crate) mod own_clocks;
 pub(crate) mod remarks;
 pub(crate) mod row_names;
+pub(crate) mod second_clock;
+pub(crate) mod second_header;
 pub(crate) mod serial_monitor;
 pub(crate) mod sheet;
 pub(crate) mod table_head;

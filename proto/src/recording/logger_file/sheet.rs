@@ -8,7 +8,7 @@ use std::borrow::Cow;
 use model::rig::Decimal;
 
 use crate::recording::columns::units::Unit;
-use crate::recording::csv::numbers::parse;
+use crate::recording::csv::numbers::{parse, says_nothing};
 use crate::recording::csv::{CsvError, rows_alone};
 use crate::recording::times::timestamps;
 
@@ -65,22 +65,26 @@ impl<'a> SheetColumn<'a> {
         SheetColumn { name: name.to_owned(), title: title.trim_end().to_owned(), unit, cells }
     }
 
-    /// Takes the unit that stands behind every number of the column (`90.5 kPa`) out of the cells.
+    /// Takes the unit that stands behind every number of the column (`90.5 kPa`) out of the cells; cells without a number stay.
     pub(crate) fn take_units(&mut self, decimal: Decimal) {
         let Cells::Text(texts) = &self.cells else { return };
-        let Some((_, unit)) = texts.first().and_then(|text| quantity(text, decimal)) else { return };
-        let unit = unit.to_owned();
-        let bare: Option<Vec<Cow<'a, str>>> = texts
-            .iter()
-            .map(|text| {
-                quantity(text, decimal).filter(|(_, of)| *of == unit).map(|(bare, _)| Cow::Owned(bare.to_owned()))
-            })
-            .collect();
-        if let Some(bare) = bare {
+        let Some(unit) = stated_unit(texts, decimal).map(str::to_owned) else { return };
+        let bare = |text: &Cow<'a, str>| match quantity(text, decimal) {
+            _ if says_nothing(text) => Some(text.clone()),
+            Some((bare, of)) if of == unit => Some(Cow::Owned(bare.to_owned())),
+            _ => None,
+        };
+        if let Some(bare) = texts.iter().map(bare).collect::<Option<Vec<_>>>() {
             self.cells = Cells::Text(bare);
             self.unit = Some(unit);
         }
     }
+}
+
+/// The unit behind the first number of a column, where one stands there.
+fn stated_unit<'t>(texts: &'t [Cow<'_, str>], decimal: Decimal) -> Option<&'t str> {
+    let first = texts.iter().find(|text| !says_nothing(text))?;
+    quantity(first, decimal).map(|(_, unit)| unit)
 }
 
 /// The last part of a name of parts with points between them.
@@ -258,7 +262,36 @@ impl<'a> Sheet<'a> {
         self.lines.get(row).copied().unwrap_or(0)
     }
 
+    /// The error of the first cell that cannot be read with the others; of a column whose cells have units, the first that has another.
     fn not_a_number(&self, column: usize, row: usize, cell: &str) -> CsvError {
+        match self.units_change(column) {
+            Some(units_change) => units_change,
+            None => self.no_number(column, row, cell),
+        }
+    }
+
+    /// The error of a column whose first number has a unit, at the first cell that has another or none.
+    fn units_change(&self, column: usize) -> Option<CsvError> {
+        let of = self.columns.get(column)?;
+        let Cells::Text(texts) = &of.cells else { return None };
+        let first = stated_unit(texts, self.decimal)?;
+        let is_of_it = |text: &str| quantity(text, self.decimal).is_some_and(|(_, unit)| unit == first);
+        let (row, text) = texts.iter().enumerate().find(|(_, text)| !says_nothing(text) && !is_of_it(text))?;
+        let other = match quantity(text, self.decimal) {
+            Some((_, unit)) => unit,
+            None if parse(text, self.decimal).is_some() => "none",
+            None => return Some(self.no_number(column, row, text)),
+        };
+        Some(CsvError::UnitsChange {
+            file: self.file.clone(),
+            line: self.line(row),
+            position: column + 1,
+            column: of.title.clone(),
+            units: format!("{first}, {other}"),
+        })
+    }
+
+    fn no_number(&self, column: usize, row: usize, cell: &str) -> CsvError {
         if cell.contains('\u{fffd}') {
             return CsvError::NotUtf8 { file: self.file.clone(), line: self.line(row), position: column + 1 };
         }

@@ -191,7 +191,7 @@ fn are_names(row: &[Cow<'_, str>]) -> bool {
 }
 
 /// Whether a row holds units: at least one, and nothing else but empty cells and dashes.
-fn is_units(row: &[Cow<'_, str>]) -> bool {
+pub(crate) fn is_units(row: &[Cow<'_, str>]) -> bool {
     let units = row.iter().filter(|cell| !cell.is_empty());
     let mut any = false;
     for unit in units {

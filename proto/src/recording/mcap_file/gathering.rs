@@ -6,8 +6,9 @@ use mcap::read::parse_record;
 use mcap::records::{Record, op};
 
 use super::attached;
-use super::damaged_chunks::Damaged;
+use super::damaged_chunks::{self, Damaged};
 use super::decompress::{End, decompress};
+use super::lost_attachments::LostAttachments;
 use super::protobuf::DecodeError;
 use super::raw_record::{Chunk, cut_record, next_record};
 use super::reader::{ForeignMcap, McapContent, ReadMcapError};
@@ -77,6 +78,8 @@ pub(crate) struct Gathering {
     // The damaged stretch behind which no tick has been read yet.
     pub(super) stretch: Option<Stretch>,
     pub(super) last_sequence: Option<u32>,
+    /// Ticks that were read, those included that have been taken away.
+    ticks_read: usize,
 }
 
 impl Gathering {
@@ -285,6 +288,7 @@ impl Gathering {
                 self.last_sequence = Some(sequence);
                 self.ticks.insert(sequence, self.content.ticks.len());
                 self.content.ticks.push(tick);
+                self.ticks_read += 1;
             }
             Topic::Event => {
                 let log = Log::decode(data)?;
@@ -306,6 +310,32 @@ impl Gathering {
 
     pub(super) fn note(&mut self, text: &str) {
         self.content.notes.push(format!("{}: {text}", self.file));
+    }
+
+    /// Tells whether what is lost with the last thing damaged is still to be told.
+    pub(super) fn is_to_be_told(&self) -> bool {
+        self.stretch.is_some() || self.behind_damaged
+    }
+
+    /// Takes the notes away, with what is known of the ticks that are lost.
+    pub(super) fn take_notes(&mut self) -> Vec<String> {
+        self.tell_damaged();
+        self.damaged.clear();
+        self.content.attachment_notes.clear();
+        std::mem::take(&mut self.content.notes)
+    }
+
+    /// Puts what damaged chunks lack behind their notes.
+    pub(super) fn tell_damaged(&mut self) {
+        let topics = &self.topics;
+        let is_of_ticks = |channel| topics.get(&channel) == Some(&Topic::Tick);
+        damaged_chunks::tell(&mut self.content.notes, &self.damaged, is_of_ticks);
+    }
+
+    /// Adds the note on what stands at the end and cannot be read.
+    pub(super) fn note_unreadable(&mut self, problem: &str) {
+        let ticks = self.ticks_read;
+        self.note(&format!("unreadable from here on ({problem}); read the {ticks} ticks before it"));
     }
 
     /// Adds a note on an attachment whose name is known.
@@ -349,34 +379,4 @@ fn attachment_lengths(body: &[u8]) -> Option<usize> {
 fn attachment_name(body: &[u8]) -> Option<&str> {
     let (length, rest) = body.get(16..)?.split_first_chunk::<4>()?;
     std::str::from_utf8(rest.get(..usize::try_from(u32::from_le_bytes(*length)).ok()?)?).ok()
-}
-
-/// Attachments that are lost.
-#[derive(Debug, Default)]
-pub(super) struct LostAttachments {
-    names: Vec<String>,
-    /// Whether one is lost whose name is not known.
-    unnamed: bool,
-    /// Whether it was told that those behind it are left out.
-    told: bool,
-}
-
-impl LostAttachments {
-    /// Tells whether one of this name may be lost.
-    fn has(&self, name: &str) -> bool {
-        self.unnamed || self.names.iter().any(|lost| lost == name)
-    }
-
-    /// Tells, once, that attachments are left out for one whose name is not known.
-    fn is_first_untold(&mut self) -> bool {
-        self.unnamed && !std::mem::replace(&mut self.told, self.unnamed)
-    }
-
-    /// Adds one; `None` stands for a name that is not known.
-    pub(super) fn add(&mut self, name: Option<&str>) {
-        match name {
-            Some(name) => self.names.push(name.to_owned()),
-            None => self.unnamed = true,
-        }
-    }
 }

@@ -8,6 +8,7 @@ pub(crate) mod follower;
 pub(crate) mod from_ticks;
 pub(crate) mod gathering;
 pub(crate) mod log_clock;
+mod lost_attachments;
 pub(crate) mod messages;
 pub(crate) mod protobuf;
 pub(crate) mod raw_record;

@@ -23,25 +23,54 @@ pub(super) fn begins_with_record(bytes: &[u8]) -> bool {
     next_record(bytes).is_some_and(|(code, ..)| (op::HEADER..=op::DATA_END).contains(&code))
 }
 
-/// Place of the first chunk from `from` on that is whole and whose CRC is right.
+/// Outcome of a search for a sound chunk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Sought {
+    /// One begins there.
+    Found(usize),
+    /// None is there; one may turn out to begin there, and none before, once there are more bytes.
+    NotYet(usize),
+}
+
+/// Searches for the first chunk from `from` on that is whole and whose CRC is right.
 ///
 /// Nothing else is taken for a chunk: its lengths fit each other to the byte, and the CRC is that of what it holds.
-pub(super) fn next_sound_chunk(bytes: &[u8], from: usize) -> Option<usize> {
+pub(super) fn next_sound_chunk(bytes: &[u8], from: usize) -> Sought {
     let mut at = from;
-    loop {
-        at += bytes.get(at..)?.iter().position(|byte| *byte == op::CHUNK)?;
-        if bytes.get(at..).and_then(next_record).is_some_and(|(_, body, _)| is_sound_chunk(body)) {
-            return Some(at);
+    let mut not_whole = None;
+    while let Some(ahead) = bytes.get(at..).and_then(|rest| rest.iter().position(|byte| *byte == op::CHUNK)) {
+        at += ahead;
+        let rest = bytes.get(at..).unwrap_or_default();
+        match next_record(rest) {
+            Some((_, body, _)) if is_sound_chunk(body) => return Sought::Found(at),
+            None if may_become_a_chunk(rest) => not_whole = not_whole.or(Some(at)),
+            _ => {}
         }
         at += 1;
+    }
+    Sought::NotYet(not_whole.unwrap_or(bytes.len()).max(from))
+}
+
+/// Bytes of a chunk's head: two times, a size, a CRC, and the lengths of the compression's name and of the records.
+const CHUNK_HEAD: usize = 8 + 8 + 8 + 4 + 4 + 8;
+/// Longest name of a compression (bytes); those of the format have four.
+const LONGEST_COMPRESSION: usize = 32;
+
+/// Tells whether bytes that are no whole record can be the beginning of a chunk.
+fn may_become_a_chunk(bytes: &[u8]) -> bool {
+    let Some((length, body)) = bytes.get(1..).and_then(|rest| rest.split_first_chunk::<8>()) else { return true };
+    match Chunk::of(body, End::Missing) {
+        Some(chunk) => {
+            let all = chunk.stored.checked_add(CHUNK_HEAD + chunk.compression.len());
+            chunk.crc != 0 && all.is_some_and(|all| all as u64 == u64::from_le_bytes(*length))
+        }
+        None => body.len() < CHUNK_HEAD + LONGEST_COMPRESSION,
     }
 }
 
 fn is_sound_chunk(body: &[u8]) -> bool {
     let Some(chunk) = Chunk::of(body, End::Reached) else { return false };
-    // Two times, a size, a CRC, and the lengths of the compression's name and of the records.
-    let heads = 8 + 8 + 8 + 4 + 4 + 8;
-    if chunk.crc == 0 || body.len() != heads + chunk.compression.len() + chunk.records.len() {
+    if chunk.crc == 0 || body.len() != CHUNK_HEAD + chunk.compression.len() + chunk.records.len() {
         return false;
     }
     if chunk.compression.is_empty() {
@@ -58,6 +87,8 @@ pub(super) struct Chunk<'a> {
     /// CRC of these; 0 for none.
     pub(super) crc: u32,
     pub(super) compression: &'a str,
+    /// Bytes of its records as they are stored, of which some are missing where it is cut.
+    stored: usize,
     pub(super) records: &'a [u8],
 }
 
@@ -77,6 +108,6 @@ impl<'a> Chunk<'a> {
             (None, End::Reached) => return None,
         };
         let compression = std::str::from_utf8(compression).ok()?;
-        Some(Chunk { size: u64::from_le_bytes(*size), crc: u32::from_le_bytes(*crc), compression, records })
+        Some(Chunk { size: u64::from_le_bytes(*size), crc: u32::from_le_bytes(*crc), compression, stored, records })
     }
 }

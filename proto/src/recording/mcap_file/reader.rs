@@ -15,7 +15,6 @@
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-use super::damaged_chunks;
 use super::gathering::{FileEnd, Gathering, Topic};
 use super::recording_info::Attachment;
 use super::tick::TickRecord;
@@ -140,21 +139,20 @@ pub fn parse_mcap(file: &str, bytes: &[u8]) -> Result<McapContent, ReadMcapError
     }
     let mut gathering = Gathering::of(file);
     let end = gathering.read(bytes)?;
-    let Gathering { content, topics, damaged, .. } = &mut gathering;
-    damaged_chunks::tell(&mut content.notes, damaged, |channel| topics.get(&channel) == Some(&Topic::Tick));
+    gathering.tell_damaged();
+    if let FileEnd::Unreadable(problem) = &end {
+        gathering.note_unreadable(problem);
+    }
     let Gathering { mut content, topics, foreign_ticks, holds, ticks: places, .. } = gathering;
     let has_tick_topic = topics.values().any(|topic| *topic == Topic::Tick);
     let ticks = content.ticks.len();
     let whole = matches!(end, FileEnd::Reached);
     match end {
-        FileEnd::Reached => {}
+        FileEnd::Reached | FileEnd::Unreadable(_) => {}
         FileEnd::Missing => {
             content.notes.push(format!("{file}: not finished (its end is missing); read {ticks} ticks"))
         }
         FileEnd::Cut => content.notes.push(format!("{file}: cut short; read the {ticks} ticks that are whole")),
-        FileEnd::Unreadable(error) => {
-            content.notes.push(format!("{file}: unreadable from here on ({error}); read the {ticks} ticks before it"));
-        }
     }
     if foreign_ticks || (whole && !has_tick_topic && content.notes.is_empty()) {
         let problem = ForeignMcap::NoTickTopic { holds: holds.words() };

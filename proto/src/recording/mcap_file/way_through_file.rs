@@ -4,6 +4,9 @@
 //! where the next record begins; where the file has none, as one that was not finished, the next chunk counts whose lengths
 //! and CRC are right. All between is one damaged stretch. How many ticks are lost with it follows from the numbers of the
 //! messages before and behind it.
+//!
+//! A file that grows is gone through in the same way ([`Growth::Goes`]). What is no record yet may become one, and what is lost
+//! ends with a sound chunk or not at all: until one or the other is there, the way stays where it is.
 
 use mcap::read::parse_record;
 use mcap::records::op;
@@ -11,8 +14,89 @@ use mcap::records::op;
 use super::damaged_chunks::lost_words;
 use super::file_index::FileIndex;
 use super::gathering::{FileEnd, Gathering, Topic};
-use super::raw_record::{begins_with_record, next_record, next_sound_chunk};
+use super::raw_record::{Sought, begins_with_record, next_record, next_sound_chunk};
 use super::reader::ReadMcapError;
+use crate::recording::MOST_BYTES;
+
+/// Bytes of a file from a place on.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bytes<'a> {
+    pub(super) bytes: &'a [u8],
+    /// Place in the file of the first of them.
+    pub(super) begin: usize,
+}
+
+impl<'a> Bytes<'a> {
+    /// Those from a place of the file on; none where it lies outside.
+    fn from(&self, at: usize) -> &'a [u8] {
+        at.checked_sub(self.begin).and_then(|at| self.bytes.get(at..)).unwrap_or_default()
+    }
+
+    fn end(&self) -> usize {
+        self.begin + self.bytes.len()
+    }
+}
+
+/// Tells whether bytes may be added to a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Growth {
+    /// All that there is of it is there.
+    Done,
+    /// It may grow.
+    Goes,
+}
+
+/// How far the way through a file has been gone.
+#[derive(Debug)]
+pub(super) struct Way {
+    /// Place of the next record.
+    at: usize,
+    /// Beginning of the last record of a kind that the format has: one of another kind may be a part of something damaged.
+    before: usize,
+    /// Place before which no sound chunk begins behind `before`, where one was looked for.
+    searched: Option<usize>,
+    /// Whether what stands at `at` can be left behind without a loss, for it is no record and is not about to become one.
+    is_lost: bool,
+}
+
+impl Way {
+    /// The way from the first record on.
+    pub(super) fn new() -> Self {
+        Way { at: mcap::MAGIC.len(), before: 0, searched: None, is_lost: false }
+    }
+
+    fn go_to(&mut self, at: usize) {
+        (self.at, self.searched, self.is_lost) = (at, None, false);
+    }
+
+    /// Place of the next sound chunk. A wrong length of the record before may have led beyond chunks.
+    fn next_sound_chunk(&mut self, file: Bytes<'_>) -> Option<usize> {
+        let behind = self.before.max(mcap::MAGIC.len()) + usize::from(self.before > 0);
+        let from = self.searched.unwrap_or(behind).max(file.begin);
+        match next_sound_chunk(file.bytes, from - file.begin) {
+            Sought::Found(at) => Some(file.begin + at),
+            Sought::NotYet(at) => {
+                self.searched = Some(file.begin + at);
+                None
+            }
+        }
+    }
+
+    /// Place before which nothing of the file is needed any more.
+    pub(super) fn needed_from(&self) -> usize {
+        if self.before == 0 { self.at } else { self.before.min(self.at) }
+    }
+
+    /// Place before which nothing is needed to find the next sound chunk; `None` while what stands next may be a record yet.
+    pub(super) fn needed_to_find(&self) -> Option<usize> {
+        self.searched.filter(|_| self.is_lost)
+    }
+
+    /// Tells whether it stands before something that is no whole record.
+    pub(super) fn is_held_up(&self) -> bool {
+        self.searched.is_some()
+    }
+}
 
 /// A stretch of the file that was left out, and is not told to its end.
 #[derive(Debug)]
@@ -35,60 +119,93 @@ enum Step {
     Lost(String),
 }
 
+fn no_record() -> Step {
+    Step::Lost("no record begins there".to_owned())
+}
+
+/// Tells whether bytes begin with a record that is longer than any file that is read.
+fn is_too_long(bytes: &[u8]) -> bool {
+    let length = bytes.get(1..).and_then(|rest| rest.first_chunk::<8>());
+    length.is_some_and(|length| u64::from_le_bytes(*length) > MOST_BYTES)
+}
+
 impl Gathering {
     /// Reads as far as the file goes, and tells how it ended.
     pub(super) fn read(&mut self, bytes: &[u8]) -> Result<FileEnd, ReadMcapError> {
-        let index = FileIndex::of(bytes);
-        // Beginning of the last record of a kind that the format has: one of another kind may be a part of something damaged.
-        let (mut before, mut at) = (0, mcap::MAGIC.len());
-        while at < bytes.len() {
-            if index.as_ref().is_some_and(|index| at >= index.data_end) {
-                self.end_of_data(index.as_ref());
-                return Ok(FileEnd::Reached);
+        self.read_whole(bytes, &mut Way::new(), FileIndex::of(bytes).as_ref())
+    }
+
+    /// Reads a file of which all is there from where the way through it has got to.
+    pub(super) fn read_whole(
+        &mut self,
+        bytes: &[u8],
+        way: &mut Way,
+        index: Option<&FileIndex<'_>>,
+    ) -> Result<FileEnd, ReadMcapError> {
+        Ok(self.go_on(Bytes { bytes, begin: 0 }, way, index, Growth::Done)?.unwrap_or(FileEnd::Missing))
+    }
+
+    /// Goes on as far as the way is clear; how the file ended, or `None` where more of it is to come.
+    pub(super) fn go_on(
+        &mut self,
+        file: Bytes<'_>,
+        way: &mut Way,
+        index: Option<&FileIndex<'_>>,
+        growth: Growth,
+    ) -> Result<Option<FileEnd>, ReadMcapError> {
+        while way.at < file.end() {
+            let at = way.at;
+            if index.is_some_and(|index| at >= index.data_end) {
+                self.end_of_data(index);
+                return Ok(Some(FileEnd::Reached));
             }
-            let step = self.record_at(bytes, at, index.as_ref())?;
+            let step = if at < file.begin { no_record() } else { self.record_at(file, at, index)? };
             let next = match &step {
                 Step::On(next) => {
-                    if begins_with_record(bytes.get(at..).unwrap_or_default()) {
-                        before = at;
+                    if begins_with_record(file.from(at)) {
+                        way.before = at;
                     }
-                    at = *next;
+                    way.go_to(*next);
                     continue;
                 }
                 Step::End => {
-                    self.end_of_data(index.as_ref());
-                    return Ok(FileEnd::Reached);
+                    self.end_of_data(index);
+                    return Ok(Some(FileEnd::Reached));
                 }
-                Step::Cut | Step::Lost(_) => match &index {
+                Step::Cut | Step::Lost(_) => match index {
                     Some(index) => Some(index.next_behind(at)),
-                    // A wrong length of the record before may have led beyond chunks.
-                    None => next_sound_chunk(bytes, before.max(mcap::MAGIC.len()) + usize::from(before > 0)),
+                    None => way.next_sound_chunk(file),
                 },
             };
             match (next, step) {
                 (Some(next), _) => {
-                    self.leave_out(at, next, index.as_ref())?;
-                    (before, at) = (next, next);
+                    self.leave_out(at, next, index)?;
+                    way.before = next;
+                    way.go_to(next);
                 }
-                (None, Step::Lost(problem)) => return Ok(FileEnd::Unreadable(problem)),
+                (None, step) if growth == Growth::Goes => {
+                    way.is_lost = matches!(step, Step::Lost(_)) || is_too_long(file.from(at));
+                    return Ok(None);
+                }
+                (None, Step::Lost(problem)) => return Ok(Some(FileEnd::Unreadable(problem))),
                 (None, _) => {
-                    self.cut(bytes.get(at..).unwrap_or_default())?;
-                    return Ok(FileEnd::Cut);
+                    self.cut(file.from(at))?;
+                    return Ok(Some(FileEnd::Cut));
                 }
             }
         }
-        Ok(FileEnd::Missing)
+        Ok((growth == Growth::Done).then_some(FileEnd::Missing))
     }
 
     /// Takes in the record that begins at a place.
-    fn record_at(&mut self, bytes: &[u8], at: usize, index: Option<&FileIndex<'_>>) -> Result<Step, ReadMcapError> {
-        let Some((code, body, after)) = next_record(bytes.get(at..).unwrap_or_default()) else {
+    fn record_at(&mut self, file: Bytes<'_>, at: usize, index: Option<&FileIndex<'_>>) -> Result<Step, ReadMcapError> {
+        let Some((code, body, after)) = next_record(file.from(at)) else {
             return Ok(Step::Cut);
         };
-        let end = bytes.len() - after.len();
+        let end = file.end() - after.len();
         // No record has code 0, of which an erased stretch consists.
-        if code == 0 || index.is_some_and(|index| !index.allows(bytes, at, end, code)) {
-            return Ok(Step::Lost("no record begins there".to_owned()));
+        if code == 0 || index.is_some_and(|index| !index.allows(file.bytes, at, end, code)) {
+            return Ok(no_record());
         }
         match code {
             // What follows is the index, which repeats what was read.

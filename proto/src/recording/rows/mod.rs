@@ -2,6 +2,7 @@
 
 pub(crate) mod asynchronous;
 pub(crate) mod doubled;
+pub(crate) mod how_read;
 pub(crate) mod lost_rows;
 pub(crate) mod own_rows;
 pub(crate) mod repeated;

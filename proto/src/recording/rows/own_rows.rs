@@ -17,7 +17,6 @@ use super::repeated::Held;
 use super::resample::{self, Kind, Resampling, median_step};
 use super::slower::{self, Slower};
 use crate::recording::csv::{Column, ColumnData, rows_alone};
-use crate::recording::logger_file::sheet::Sheet;
 
 /// Time (s) and readings by which a sensor may begin after the first one, or end before the last, and be read all the time.
 const LATE_S: f64 = 1.0;
@@ -110,17 +109,17 @@ pub(crate) fn in_ms(time_s: f64) -> String {
 }
 
 impl OwnRows {
-    /// Brings sheet, times and columns to rows in which each sensor has readings of its own, and marks the others in `missing`; the sheet
-    /// where rows are left out. `None` where all sensors are read in the same rows, or in every row.
+    /// Brings times and columns to rows in which each sensor has readings of its own, and marks the others in `missing`; with it the rows
+    /// that are kept. `None` where all sensors are read in the same rows, or in every row.
     ///
     /// # Errors
     /// The place among the sensors of one that was hardly ever read when the others were.
-    pub(crate) fn put<'a>(
-        sheet: &Sheet<'a>,
+    pub(crate) fn put(
+        file: &str,
         time_s: &mut Vec<f64>,
         columns: &mut [(Column, Kind)],
         missing: &mut Missing,
-    ) -> Result<Option<(Self, Sheet<'a>)>, usize> {
+    ) -> Result<Option<(Self, Vec<usize>)>, usize> {
         let step_s = median_step(time_s).unwrap_or(0.0);
         let numbers = columns.iter().filter(|(_, kind)| *kind == Kind::Reading);
         let numbers: Vec<(&str, &[f64])> = numbers.filter_map(|(c, _)| Some((c.name.as_str(), c.numbers()?))).collect();
@@ -150,22 +149,20 @@ impl OwnRows {
         let told: Vec<String> = sensors.iter().filter_map(|sensor| sensor.told(step_s)).collect();
         if !told.is_empty() {
             notes.push(format!(
-                "{}: {}; only the row of each reading counts as one of its sensor, straight lines lie between, and nothing faster than {} ms \
-                 can be told",
-                sheet.file,
+                "{file}: {}; only the row of each reading counts as one of its sensor, straight lines lie between, and nothing faster than \
+                 {} ms can be told",
                 told.join(", "),
                 in_ms(step_s * rows_a_reading)
             ));
         }
         if !parts.is_empty() {
             notes.push(format!(
-                "{}: read in a part of the file alone: {}; before the first reading of a sensor no run can begin, and behind its last one \
-                 the others count without it",
-                sheet.file,
+                "{file}: read in a part of the file alone: {}; before the first reading of a sensor no run can begin, and behind its last \
+                 one the others count without it",
                 parts.join(", ")
             ));
         }
-        notes.extend(left_out_before_readings(&sheet.file, time_s.len() - kept.len()));
+        notes.extend(left_out_before_readings(file, time_s.len() - kept.len()));
         let mut read: Vec<(String, Vec<bool>)> =
             sensors.into_iter().map(|sensor| (sensor.column.to_owned(), sensor.read)).collect();
         for (column, _) in columns.iter_mut() {
@@ -183,7 +180,7 @@ impl OwnRows {
             let lost = lost.map_or(&[][..], |(_, lost)| lost.as_slice());
             read.iter_mut().zip(lost).for_each(|(read, lost)| *read &= !lost);
         }
-        Ok(Some((OwnRows { read, rows_a_reading, notes }, sheet.rows_alone(&kept))))
+        Ok(Some((OwnRows { read, rows_a_reading, notes }, kept)))
     }
 
     /// By row, whether any sensor was read.

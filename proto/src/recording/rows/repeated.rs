@@ -5,6 +5,9 @@
 //! chamber and a coarse converter are of every length. A ramp through the steps of a coarse converter has runs of one length as well, but
 //! goes on by one step of it at a time. A rate that does not divide that of the rows is another matter ([`super::uneven`]).
 
+use std::ops::Range;
+
+use super::resample::runs_of;
 use super::uneven;
 
 /// Runs that must be there to tell.
@@ -56,7 +59,7 @@ impl Held {
     pub(crate) fn of(time_s: &[f64], values: &[f64]) -> Option<Self> {
         match uneven::held(time_s, values) {
             Some(of) if !of.is_even() => Some(of),
-            even => held(values).map(|(read, rows)| Held { read, rows_a_reading: rows as f64 }).or(even),
+            even => held(time_s, values).map(|(read, rows)| Held { read, rows_a_reading: rows as f64 }).or(even),
         }
     }
 
@@ -79,16 +82,16 @@ impl Held {
 }
 
 /// Which samples are new and how many stand for one; `None` where readings are not repeated, or not all of them together.
-pub(crate) fn fresh(readings: &[&[f64]]) -> Option<(Vec<bool>, usize)> {
+pub(crate) fn fresh(time_s: &[f64], readings: &[&[f64]]) -> Option<(Vec<bool>, usize)> {
     let (first, others) = readings.split_first()?;
     let usual = usual_run(first)?;
-    let mut fresh = begins(first, usual);
+    let mut fresh = begins_by_run(time_s, first, usual);
     for other in others {
         if usual_run(other)? != usual {
             return None;
         }
         // Two sensors of one converter change together; now and then one of them reads the same again.
-        fresh.iter_mut().zip(begins(other, usual)).for_each(|(fresh, new)| *fresh |= new);
+        fresh.iter_mut().zip(begins_by_run(time_s, other, usual)).for_each(|(fresh, new)| *fresh |= new);
     }
     let count = fresh.iter().filter(|fresh| **fresh).count();
     // Sensors that change at different times are each told by some rows; of those together nearly all would be new.
@@ -96,19 +99,28 @@ pub(crate) fn fresh(readings: &[&[f64]]) -> Option<(Vec<bool>, usize)> {
 }
 
 /// Which samples of one sensor are new and how many stand for one; `None` where its readings are not all repeated equally often.
-fn held(values: &[f64]) -> Option<(Vec<bool>, usize)> {
+fn held(time_s: &[f64], values: &[f64]) -> Option<(Vec<bool>, usize)> {
     let usual = usual_run(values)?;
-    let mut fresh = begins(values, usual);
-    // A run that began before the file is an older reading than its first row.
-    if values.chunk_by(|a, b| a == b).next().is_some_and(|run| run.len() < usual)
-        && let Some(first) = fresh.first_mut()
-    {
-        *first = false;
-    }
-    Some((fresh, usual))
+    Some((begins_by_run(time_s, values, usual), usual))
 }
 
-/// Whether a sample is the first of a reading that stands for `usual` of them: a run of several times as many holds several readings.
+/// Tells of each sample whether it is the first of a reading, run by run of those that no gap parts.
+fn begins_by_run(time_s: &[f64], values: &[f64], usual: usize) -> Vec<bool> {
+    let of = |rows: Range<usize>| {
+        let values = values.get(rows).unwrap_or_default();
+        let mut fresh = begins(values, usual);
+        // What began before the file, or in a gap, is an older reading than the first row.
+        if values.chunk_by(|a, b| a == b).next().is_some_and(|run| run.len() < usual)
+            && let Some(first) = fresh.first_mut()
+        {
+            *first = false;
+        }
+        fresh
+    };
+    runs_of(time_s).into_iter().flat_map(of).collect()
+}
+
+/// Tells whether a sample is the first of a reading that stands for `usual` of them: a run of several times as many holds several readings.
 fn begins(values: &[f64], usual: usize) -> Vec<bool> {
     let of = |run: &[f64]| {
         let readings = ((run.len() as f64 / usual as f64).round() as usize).max(1);
@@ -149,19 +161,20 @@ mod tests {
     #[test]
     fn repeated_readings_are_told_from_calm_ones() {
         let noise = |k: usize| ((k * 7919 % 1000) as f64 / 1000.0 * 37.0).sin();
+        let rows_s: Vec<f64> = (0..500).map(|k| 0.02 * f64::from(k)).collect();
         let held: Vec<f64> = (0..500).map(|k| noise(k / 5)).collect();
         let other: Vec<f64> = (0..500).map(|k| noise(1000 + k / 5)).collect();
-        let (new, usual) = fresh(&[&held, &other]).unwrap();
+        let (new, usual) = fresh(&rows_s, &[&held, &other]).unwrap();
         assert_eq!((usual, new.iter().filter(|new| **new).count()), (5, 100));
         assert!((0..500).all(|k| new[k] == (k % 5 == 0)));
         let quick: Vec<f64> = (0..500).map(noise).collect();
-        assert_eq!(fresh(&[&quick]), None);
-        assert_eq!(fresh(&[&held, &quick]), None);
+        assert_eq!(fresh(&rows_s, &[&quick]), None);
+        assert_eq!(fresh(&rows_s, &[&held, &quick]), None);
         // A coarse converter on a calm chamber.
         let coarse: Vec<f64> = (0..500).map(|k| (noise(k) * 0.8).round()).collect();
-        assert_eq!(fresh(&[&coarse]), None);
+        assert_eq!(fresh(&rows_s, &[&coarse]), None);
         let shifted: Vec<f64> = (0..500).map(|k| noise((k + 2) / 5)).collect();
-        assert_eq!(fresh(&[&held, &shifted]), None, "two converters out of step");
+        assert_eq!(fresh(&rows_s, &[&held, &shifted]), None, "two converters out of step");
     }
 
     /// What repeats for other reasons than a slow sensor is every row's reading: rest, steps of a converter, a ramp through them, a ripple.
@@ -170,7 +183,8 @@ mod tests {
         let noise = |k: usize| ((k * 7919 % 1000) as f64 / 1000.0 * 37.0).sin();
         // A reading that comes out as the one before is another one: every third is here.
         let slow: Vec<f64> = (0..700).map(|k| noise((k + 3) / 7 - usize::from((k + 3) / 7 % 3 == 2))).collect();
-        let (new, usual) = held(&slow).unwrap();
+        let rows_s: Vec<f64> = (0..2000).map(|k| 0.02 * f64::from(k)).collect();
+        let (new, usual) = held(&rows_s[..slow.len()], &slow).unwrap();
         assert_eq!(usual, 7);
         assert!((0..700).all(|k| new[k] == (k % 7 == 4)), "{new:?}");
         let coarse = |of: &dyn Fn(f64) -> f64| -> Vec<f64> { (0..2000).map(|k| of(k as f64).round() * 0.5).collect() };
@@ -179,7 +193,7 @@ mod tests {
         let ripple = coarse(&|k| if k % 8.0 < 4.0 { 3.0 } else { 4.0 });
         let resting = coarse(&|k| if k < 300.0 { 0.3 * k } else { 90.0 + 0.6 * noise(k as usize) });
         for (what, values) in [("ramp", ramp), ("triangle", triangle), ("ripple", ripple), ("resting", resting)] {
-            assert_eq!(held(&values), None, "{what}");
+            assert_eq!(held(&rows_s, &values), None, "{what}");
         }
     }
 }

@@ -5,7 +5,8 @@
 //! the same in digits alone (`20260329T015900.020Z`); a date alone; a time of day alone (`01:59:00,020`), or of the hour, with a
 //! fraction (`59:00.0`, as spreadsheets show it); days and a time (`0 days 00:00:00.020`); months by name in the languages that loggers
 //! are sold in ([`super::month_names`]). Only differences count, so that a zone matters where it changes within a file; without one, the
-//! hour that summer time takes or gives (half an hour on Lord Howe Island) is noticed and taken back.
+//! hour that summer time takes or gives (half an hour on Lord Howe Island) is noticed between rows and taken back. Between moments that
+//! lie apart, such as the beginnings of runs, an hour is an hour.
 
 use super::month_names::{in_numbers, month_of};
 
@@ -70,11 +71,33 @@ pub(crate) fn is_clock_alone(text: &str) -> bool {
     is_timestamp(text) && parts(spread.as_deref().unwrap_or(text)).date.is_none()
 }
 
-/// Seconds of every text since a common instant; the row (from 0) whose text is no time where there is one.
+/// Seconds of the clock of every row since a common instant, without the hour of summer time; the row (from 0) whose text is no time where
+/// there is one.
 ///
 /// # Errors
 /// The first row that is neither date nor time.
 pub(crate) fn column_s(texts: &[&str]) -> Result<Vec<f64>, usize> {
+    seconds_of(texts, WholeHours::OfSummerTime)
+}
+
+/// Seconds of moments that may lie any time apart since a common instant: nobody can tell an hour of summer time from an hour's pause.
+///
+/// # Errors
+/// The first text that is neither date nor time.
+pub(crate) fn moments_s(texts: &[&str]) -> Result<Vec<f64>, usize> {
+    seconds_of(texts, WholeHours::AsWritten)
+}
+
+/// The meaning of a step of a whole hour between times without a zone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum WholeHours {
+    /// The clock was set for summer time.
+    OfSummerTime,
+    /// An hour passed.
+    AsWritten,
+}
+
+fn seconds_of(texts: &[&str], hours: WholeHours) -> Result<Vec<f64>, usize> {
     let spread: Option<Vec<String>> = texts.iter().map(|text| spread(text)).collect();
     let spread: Vec<&str> = spread.iter().flatten().map(String::as_str).collect();
     let texts = if spread.len() == texts.len() { &spread } else { texts };
@@ -95,12 +118,13 @@ pub(crate) fn column_s(texts: &[&str]) -> Result<Vec<f64>, usize> {
     let first = texts.first().map(|text| parts(text));
     let dated = first.as_ref().is_some_and(|first| first.date.is_some() || first.days.is_some());
     let zoned = first.is_some_and(|first| first.zone.is_some());
-    unwrap(&mut times, dated, zoned);
+    unwrap(&mut times, dated, if zoned { WholeHours::AsWritten } else { hours });
     Ok(times)
 }
 
 /// Takes midnight out of times of day, and the change to and from summer time out of times without a zone.
-fn unwrap(times: &mut [f64], dated: bool, zoned: bool) {
+fn unwrap(times: &mut [f64], dated: bool, hours: WholeHours) {
+    let may_be_set = hours == WholeHours::OfSummerTime;
     let (mut shift_s, mut longest_s) = (0.0, 0.0_f64);
     let mut previous: Option<f64> = None;
     for time in times {
@@ -113,10 +137,10 @@ fn unwrap(times: &mut [f64], dated: bool, zoned: bool) {
             step_s += DAY_S;
         }
         // Within a second of a whole hour: no logger pauses so.
-        if !zoned && (step_s.abs() - SUMMER_TIME_S).abs() < 1.0 {
+        if may_be_set && (step_s.abs() - SUMMER_TIME_S).abs() < 1.0 {
             shift_s -= SUMMER_TIME_S.copysign(step_s);
             step_s -= SUMMER_TIME_S.copysign(step_s);
-        } else if !zoned && goes_on(step_s - HALF_SUMMER_TIME_S.copysign(step_s), longest_s) {
+        } else if may_be_set && goes_on(step_s - HALF_SUMMER_TIME_S.copysign(step_s), longest_s) {
             shift_s -= HALF_SUMMER_TIME_S.copysign(step_s);
             step_s -= HALF_SUMMER_TIME_S.copysign(step_s);
         }
@@ -370,6 +394,11 @@ mod tests {
         near(steps(&["2026-03-29 01:59:59.980 CET", "2026-03-29 03:00:00.000 CEST"]));
         // With a zone an hour is an hour.
         assert_eq!(steps(&["2026-03-29T01:00:00Z", "2026-03-29T02:00:00Z"]), [3600.0]);
+        // Moments may lie an hour apart; midnight is no day's pause.
+        let apart = |texts: &[&str]| moments_s(texts).unwrap()[1] - moments_s(texts).unwrap()[0];
+        assert_eq!(apart(&["2026-03-29 10:00:00", "2026-03-29 11:00:00.5"]), 3600.5);
+        assert_eq!(apart(&["2026-03-29 11:00:00 CET", "2026-03-29 11:00:00 CEST"]), -3600.0);
+        assert_eq!(apart(&["23:30:00", "00:30:00"]), 3600.0);
         // Day and month exchanged would be 28 days.
         assert_eq!(steps(&["03/31/2026 23:59:59", "04/01/2026 00:00:00"]), [1.0]);
         assert_eq!(steps(&["05/03/2026 23:59:59", "06/03/2026 00:00:00"]), [1.0]);

@@ -285,6 +285,15 @@ pub(super) fn has_a_drive(rig: &Rig, inputs: &[Input]) -> bool {
     has(rig, inputs, Role::Drive)
 }
 
+/// Tells whether the daemon can drive the rig: it has the paper's two sides and commands.
+pub(crate) fn drives(rig: &Rig) -> bool {
+    let commanded = |column: &str| rig.valves.values().any(|valve| valve.command == column);
+    rig.volumes.contains_key("positive")
+        && rig.volumes.contains_key("negative")
+        && commanded("u_pos")
+        && commanded("u_neg")
+}
+
 fn has(rig: &Rig, inputs: &[Input], wanted: Role) -> bool {
     inputs.iter().any(|input| role(rig, &input.column) == wanted)
 }

@@ -9,7 +9,8 @@ use proto::recording::csv::{self, Column, ColumnData};
 use proto::recording::{PERIOD_S, Recording};
 
 use super::backwards::backwards;
-use super::menu::{Programme, SHUT_IN, Usage, has_a_drive, menu};
+use super::limits::limits_kpa;
+use super::menu::{Programme, SHUT_IN, Usage, menu};
 use super::separation::{PairSums, Predicted};
 use crate::bench::{Bench, Explanation};
 use crate::error::DiagnoseError;
@@ -17,11 +18,6 @@ use crate::search::candidate::{leaks, reads_wrong};
 
 /// The longest experiment in s.
 const LONGEST_S: f64 = 120.0;
-/// Pressures that every rival's simulation must stay within, in kPa gauge: the envelope of −95 … 160 kPa with room for
-/// what the rivals do not know either.
-const SAFE_KPA: [f64; 2] = [-92.0, 150.0];
-/// Share of what was recorded by which an experiment may go beyond it on a rig whose limits nobody stated.
-const BEYOND_RECORDED: f64 = 0.1;
 /// Expected difference of log-likelihoods (D/2) that is planned for: that of two rivals which stay 0.1 kPa apart for half
 /// a minute, both pressures together. Less is told apart by the noise alone, but not by a model that is a little off.
 const ENOUGH: f64 = 400.0;
@@ -105,7 +101,7 @@ pub fn plan(bench: &Bench<'_>, rivals: &[&Explanation]) -> Result<Option<Plan>, 
     let may_stand = is_in_question(bench, rivals, shows_at_rest);
     let limits_kpa = limits_kpa(bench);
     let within_limits: Vec<usize> = (0..programmes.len())
-        .filter(|p| predicted.iter().all(|(base, _)| within(&records, *p, base, limits_kpa)))
+        .filter(|p| predicted.iter().all(|(base, _)| within(&records, *p, base, &limits_kpa)))
         .collect();
     let safe: Vec<usize> =
         within_limits.iter().copied().filter(|p| may_stand || !programmes[*p].stops_a_pump).collect();
@@ -217,6 +213,7 @@ fn finish(
     known: &[DMatrix<f64>],
 ) -> Result<Plan, DiagnoseError> {
     let inputs = bench.records.inputs();
+    let limits_kpa = limits_kpa(bench);
     let mut chosen = chosen.to_vec();
     loop {
         let picked: Vec<&Programme> = chosen.iter().filter_map(|p| programmes.get(*p)).collect();
@@ -233,7 +230,7 @@ fn finish(
             .iter()
             .map(|rival| simulator.one(&rival.fitted.rig, &Arcs::free(&records)))
             .collect::<Result<Vec<_>, _>>()?;
-        let safe = predicted_kpa.iter().all(|trace| within(&records, 0, trace, limits_kpa(bench)));
+        let safe = predicted_kpa.iter().all(|trace| within(&records, 0, trace, &limits_kpa));
         if safe || chosen.len() == 1 {
             let told = |(at, (i, k)): (usize, &(usize, usize))| (*i, *k, apart(&chosen, sums, at, (*i, *k), known));
             let separation = pairs.iter().enumerate().map(told).collect();
@@ -247,18 +244,6 @@ fn finish(
         }
         chosen.pop();
     }
-}
-
-/// Pressures that every rival must stay within, in kPa gauge: the envelope of the daemon's rigs; on one whose pump follows a command,
-/// which the daemon does not drive, hardly more than was recorded.
-fn limits_kpa(bench: &Bench<'_>) -> [f64; 2] {
-    if !has_a_drive(bench.rig, bench.records.inputs()) {
-        return SAFE_KPA;
-    }
-    let readings = || bench.records.readings_kpa().iter().copied().filter(|kpa| kpa.is_finite());
-    let (low, high) = (readings().fold(f64::INFINITY, f64::min), readings().fold(f64::NEG_INFINITY, f64::max));
-    let beyond = BEYOND_RECORDED * (high - low);
-    [low - beyond, high + beyond]
 }
 
 /// Tells whether a mechanism of some kind is in question: in one of the rivals, and not in all of them.
@@ -359,11 +344,14 @@ fn information(rival: &Explanation) -> DMatrix<f64> {
     known
 }
 
-fn within(records: &Records, record: usize, trace: &[f64], [low, high]: [f64; 2]) -> bool {
+/// Tells whether a trace of a programme stays within limits by channel, in kPa gauge.
+fn within(records: &Records, programme: usize, trace: &[f64], limits_kpa: &[[f64; 2]]) -> bool {
     let layout = records.layout();
-    (0..layout.channels())
-        .flat_map(|c| layout.channel(record, c))
-        .all(|i| trace.get(i).is_some_and(|kpa| (low..=high).contains(kpa)))
+    (0..layout.channels()).all(|channel| {
+        let Some([low, high]) = limits_kpa.get(channel) else { return false };
+        let readings = trace.get(layout.channel(programme, channel));
+        readings.is_some_and(|readings| readings.iter().all(|kpa| (low..=high).contains(&kpa)))
+    })
 }
 
 #[cfg(test)]

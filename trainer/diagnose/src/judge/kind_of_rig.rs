@@ -4,7 +4,7 @@ use fit::identify::no_worse_than;
 use proto::diagnosis::{RigKind, Verdict};
 
 use crate::bench::Bench;
-use crate::judge::{FLOOR_KPA, Judgement};
+use crate::judge::{Judgement, have_moved};
 use crate::report::figures::Figures;
 use crate::report::summary::noise_kpa;
 use crate::search::Found;
@@ -22,7 +22,7 @@ pub(crate) fn kind_of_rig(
     notes: &mut Vec<String>,
 ) -> RigKind {
     if unknown.is_none() {
-        with_nothing_left(bench, [given, extended], judgement);
+        with_nothing_left(bench, found, [given, extended], judgement);
     }
     if judgement.verdict == Verdict::Adequate {
         return RigKind::AsGiven;
@@ -58,7 +58,7 @@ pub(crate) fn kind_of_rig(
 
 /// Takes back that something unknown is missing where the recordings as they are show nothing of it. A search runs on readings
 /// without the pump's strokes; where a pump is switched on, the cylinders' own start is left in these, and looks like something.
-fn with_nothing_left(bench: &Bench<'_>, [given, extended]: [&Figures; 2], judgement: &mut Judgement) {
+fn with_nothing_left(bench: &Bench<'_>, found: &Found, [given, extended]: [&Figures; 2], judgement: &mut Judgement) {
     if judgement.verdict != Verdict::UnknownMechanism || !judgement.named.is_empty() {
         return;
     }
@@ -67,8 +67,9 @@ fn with_nothing_left(bench: &Bench<'_>, [given, extended]: [&Figures; 2], judgem
     if left_kpa.iter().zip(&sigma_kpa).any(|(left, sigma)| left > sigma) {
         return;
     }
-    let is_same = before_kpa.iter().zip(&left_kpa).all(|(before, left)| *before < FLOOR_KPA.max(1.2 * left));
-    judgement.verdict = if is_same { Verdict::Adequate } else { Verdict::ParametersMoved };
+    let traces = [&given.trace[..], &extended.trace[..]];
+    let moved = have_moved(bench, &found.nominal, [&before_kpa, &left_kpa], traces);
+    judgement.verdict = if moved { Verdict::ParametersMoved } else { Verdict::Adequate };
 }
 
 #[cfg(test)]

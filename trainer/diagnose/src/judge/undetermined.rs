@@ -8,6 +8,9 @@
 //! it are more than all of it; what is too small for a name has such shapes. So it is not named either, if it is the only number of its
 //! mechanism (a rise and a time constant stand in for each other, and what both do together is known), unless the other side has
 //! the like. (Of the 59 mechanisms named in 97 cases of the hidden suite that lag was the only one, and false.)
+//!
+//! Where two numbers stand in for each other, as the two time constants of one sensor do, what both do together may be known and
+//! one of them not at all: its interval is nearly all that was searched. The name stays then, and that number is withheld.
 
 use fit::objective::Estimate;
 use fit::parameters::Transform;
@@ -57,6 +60,17 @@ fn is_hardly_known(estimate: &Estimate) -> bool {
     estimate.parameter.transform == Transform::Log && FROM_NOTHING * share >= 1.0
 }
 
+/// Share of the range of a number from which on its interval says nothing of it: a choice, set on no data.
+const NEARLY_ALL: f64 = 0.8;
+
+/// Tells whether the interval of a number is nearly all of the range that was searched, as its fit counts: by factors for a magnitude.
+pub(crate) fn is_undetermined(estimate: &Estimate) -> bool {
+    let parameter = &estimate.parameter;
+    let [low, high] = estimate.interval().map(|value| parameter.coordinate(value));
+    let [from, to] = parameter.coordinate_bounds();
+    high - low >= NEARLY_ALL * (to - from)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -81,6 +95,23 @@ mod tests {
         assert!(!may_be_nothing(&estimate("sensor_gain", "", 1.03, 0.01)));
         // A magnitude has one sign, however little is known of it.
         assert!(!may_be_nothing(&estimate("valve_lag", "", 10.0, 9.0)));
+    }
+
+    #[test]
+    fn a_number_whose_interval_is_nearly_its_range_is_withheld() {
+        let lag = |value: f64, of_the_range: f64| {
+            let mut lag = estimate("sensor_lag", "", value, 1.0);
+            let [from, to] = lag.parameter.coordinate_bounds();
+            // Half of what the interval of 90 % shall take up, in standard errors.
+            lag.undetermined = of_the_range * (to - from) / 2.0 / 1.645;
+            lag
+        };
+        let [low, high] = lag(20.0, 0.1).parameter.bounds;
+        let middle = (low * high).sqrt();
+        assert!(is_undetermined(&lag(middle, 0.9)) && is_undetermined(&lag(middle, 4.0)));
+        assert!(!is_undetermined(&lag(middle, 0.7)));
+        // One end of the range is reached, and there is an answer still: this or less.
+        assert!(!is_undetermined(&lag(low, 1.0)));
     }
 
     #[test]

@@ -11,7 +11,8 @@ use crate::judge::MOVED;
 use crate::judge::extrapolated::Extrapolated;
 use crate::report::figures::Figures;
 use crate::report::findings::Findings;
-use crate::report::next_step::{Situation, next_step};
+use crate::report::localization::Place;
+use crate::report::next_step::{Parameters, Situation, next_step};
 use crate::report::{localization, page, summary};
 
 /// Name of the experiment's file.
@@ -40,12 +41,13 @@ impl Outcome {
     /// # Errors
     /// A file cannot be put into its format.
     pub(crate) fn of(findings: &Findings<'_, '_>) -> Result<Self, DiagnoseError> {
-        let diagnosis = summed_up(findings);
+        let places = localization::places(findings);
+        let diagnosis = summed_up(findings, &places);
         let json = diagnosis
             .to_json()
             .map_err(|e| DiagnoseError::Format { file: "diagnosis.json".to_owned(), problem: e.to_string() })?;
         let rig_toml = findings.rig.to_toml().map_err(DiagnoseError::rig(&findings.rig))?;
-        let page = page::page(findings, &diagnosis, &rig_toml);
+        let page = page::page(findings, &diagnosis, &places, &rig_toml);
         let experiment_csv = findings.plan.as_ref().map(crate::experiment::Plan::to_csv);
         Ok(Outcome { diagnosis, json, rig_toml, page, experiment_csv })
     }
@@ -75,7 +77,7 @@ pub fn check_out_dir(directory: &Path) -> Result<(), DiagnoseError> {
 }
 
 /// The diagnosis in the form of its file.
-fn summed_up(findings: &Findings<'_, '_>) -> Diagnosis {
+fn summed_up(findings: &Findings<'_, '_>, places: &[Place]) -> Diagnosis {
     let judgement = findings.judgement;
     let mechanisms = summary::mechanisms(findings);
     let rivals = shown_groups(&findings.request.rig, &judgement.groups);
@@ -91,12 +93,13 @@ fn summed_up(findings: &Findings<'_, '_>) -> Diagnosis {
             || findings.unexplained.iter().any(|left| left.most_times_noise() > IN_PART),
         other_rig: findings.other_rig.as_ref(),
         extrapolated: &extrapolated,
+        parameters: if findings.better_fitted().is_empty() { Parameters::AsGood } else { Parameters::ALittleOff },
     };
     let next = next_step(&situation);
     Diagnosis {
         verdict: judgement.verdict,
         summary: summary::summary(findings, &mechanisms),
-        location: localization::locations(findings),
+        location: places.iter().map(|place| place.location.clone()).collect(),
         unnamed_terms: unnamed_terms(findings, &mechanisms),
         hypotheses: hypotheses(findings),
         mechanisms,

@@ -4,15 +4,24 @@ use proto::diagnosis::{Location, Verdict};
 
 use crate::event::Event;
 use crate::locate::Suspect;
-use crate::locate::region::{Stretch, most_telling};
+use crate::locate::region::{Region, Stretch, most_telling};
 use crate::recordings::axes::axes;
 use crate::report::findings::Findings;
 use crate::report::unexplained::off_most;
 use crate::search::place::{channel_of, side_of, volumes_at};
 
+/// A place of the mismatch, and the region that its words say; no region where they say something else.
+pub(crate) struct Place {
+    /// The place.
+    pub(crate) location: Location,
+    /// Region of the mismatch on a command, a pressure or a time.
+    pub(crate) region: Option<Region>,
+}
+
 /// Where the mismatch lives: first the span of an event, then what is off all along.
-pub(crate) fn locations(findings: &Findings<'_, '_>) -> Vec<Location> {
-    let mut all: Vec<Location> = findings.event.iter().map(|event| place_of_event(findings, event)).collect();
+pub(crate) fn places(findings: &Findings<'_, '_>) -> Vec<Place> {
+    let mut all: Vec<Place> =
+        findings.event.iter().map(|event| Place { location: place_of_event(findings, event), region: None }).collect();
     all.extend(lasting(findings));
     all
 }
@@ -34,20 +43,23 @@ fn place_of_event(findings: &Findings<'_, '_>, event: &Event) -> Location {
 }
 
 /// Where the mismatch lives that is there all along.
-fn lasting(findings: &Findings<'_, '_>) -> Vec<Location> {
+fn lasting(findings: &Findings<'_, '_>) -> Vec<Place> {
     if matches!(findings.judgement.verdict, Verdict::Adequate | Verdict::ParametersMoved) {
         return Vec::new();
     }
     // The ripple of a pump that was heard is in all readings, all the time.
     let told = findings.heard.and_then(|heard| Some((heard, heard.told.first()?)));
-    let heard = told.map(|(heard, told)| Location {
-        side: side_of(findings.bench.rig, &told.attached.component),
-        component: told.attached.component.clone(),
-        share_of_residual: heard.share.clamp(0.0, 1.0),
-        region: "while the pump turns".to_owned(),
-        time_s: whole(findings),
-        time_scale_s: proto::recording::PERIOD_S,
-        enters: "mass balance".to_owned(),
+    let heard = told.map(|(heard, told)| Place {
+        region: None,
+        location: Location {
+            side: side_of(findings.bench.rig, &told.attached.component),
+            component: told.attached.component.clone(),
+            share_of_residual: heard.share.clamp(0.0, 1.0),
+            region: "while the pump turns".to_owned(),
+            time_s: whole(findings),
+            time_scale_s: proto::recording::PERIOD_S,
+            enters: "mass balance".to_owned(),
+        },
     });
     if findings.judgement.named.is_empty() && findings.judgement.verdict == Verdict::MissingPhysics {
         return heard.into_iter().collect();
@@ -56,7 +68,7 @@ fn lasting(findings: &Findings<'_, '_>) -> Vec<Location> {
     // What is named knows its component better than a balance does.
     let named: Vec<usize> = findings.judgement.contested.iter().map(|c| c.term).collect();
     let strongest = findings.missing.suspicions.first().map_or(0.0, |s| s.gain);
-    let mut all: Vec<Location> = heard.into_iter().collect();
+    let mut all: Vec<Place> = heard.into_iter().collect();
     if named.is_empty() && findings.judgement.verdict == Verdict::Undecided {
         return places_of_rivals(findings);
     }
@@ -66,24 +78,28 @@ fn lasting(findings: &Findings<'_, '_>) -> Vec<Location> {
             let candidate = &findings.candidates[contest.term];
             let component = candidate.component.clone();
             let channels = channels_of(findings, &component);
-            let (region, time_s) = words_of_region(findings, &component, &channels);
+            let region = region_of_missing(findings, &component, &channels);
             let reading = findings.bench.rig.sensors.contains_key(&component);
             let enters = if reading { "reading" } else { "mass balance" };
             let share = contest.gain.max(0.0) / gains.max(1e-9);
             // Two mechanisms of one valve are at one place.
-            if let Some(known) = all.iter_mut().find(|known| known.component == component && known.enters == enters) {
-                known.share_of_residual += share;
+            let is_there =
+                |known: &&mut Place| known.location.component == component && known.location.enters == enters;
+            if let Some(known) = all.iter_mut().find(is_there) {
+                known.location.share_of_residual += share;
                 continue;
             }
-            all.push(Location {
+            let (words, time_s) = in_words(findings, region.as_ref());
+            let location = Location {
                 side: candidate.side.clone(),
                 component,
                 share_of_residual: share,
-                region,
+                region: words,
                 time_s,
                 time_scale_s: findings.missing.suspicions.first().map_or(0.0, |s| s.length_s),
                 enters: enters.to_owned(),
-            });
+            };
+            all.push(Place { location, region });
         }
         return shared_out(all);
     }
@@ -102,24 +118,26 @@ fn lasting(findings: &Findings<'_, '_>) -> Vec<Location> {
             }
             Suspect::Reading { channel } => (vec![*channel], sensor_of(findings, *channel), "reading"),
         };
-        let (region, time_s) = words_of_region(findings, &component, &channels);
-        all.push(Location {
+        let region = region_of_missing(findings, &component, &channels);
+        let (words, time_s) = in_words(findings, region.as_ref());
+        let location = Location {
             side: side_of(findings.bench.rig, &component),
             component,
             share_of_residual: (suspicion.gain / total.max(1e-9)).clamp(0.0, 1.0),
-            region,
+            region: words,
             time_s,
             time_scale_s: suspicion.length_s,
             enters: enters.to_owned(),
-        });
+        };
+        all.push(Place { location, region });
     }
     shared_out(all)
 }
 
 /// Places that overlap (a pump's ripple is in both chambers) claim more than there is: each its part of the whole.
-fn shared_out(mut places: Vec<Location>) -> Vec<Location> {
-    let total: f64 = places.iter().map(|place| place.share_of_residual).sum();
-    for place in &mut places {
+fn shared_out(mut places: Vec<Place>) -> Vec<Place> {
+    let total: f64 = places.iter().map(|place| place.location.share_of_residual).sum();
+    for place in places.iter_mut().map(|place| &mut place.location) {
         // A share is good to a few hundredths: what more there is of digits is rounding.
         place.share_of_residual = (1e4 * place.share_of_residual / total.max(1.0)).round() / 1e4;
     }
@@ -128,36 +146,38 @@ fn shared_out(mut places: Vec<Location>) -> Vec<Location> {
 
 /// Where the rivals of a mere shift of parameters sit. The re-identified rig has no error left that could tell where, so
 /// the given one's is looked at.
-fn places_of_rivals(findings: &Findings<'_, '_>) -> Vec<Location> {
-    let mut all: Vec<Location> = Vec::new();
+fn places_of_rivals(findings: &Findings<'_, '_>) -> Vec<Place> {
+    let mut all: Vec<Place> = Vec::new();
     for candidate in findings.judgement.rivals.iter().flat_map(|r| &r.terms).filter_map(|t| findings.candidates.get(*t))
     {
-        if all.iter().any(|known| known.component == candidate.component) {
+        if all.iter().any(|known| known.location.component == candidate.component) {
             continue;
         }
         let channels = channels_of(findings, &candidate.component);
         let squares = |channel: usize| findings.given.free.get(channel).map_or(0.0, |e| e.rmse_kpa.powi(2));
         let total: f64 = (0..findings.given.free.len()).map(squares).sum();
         let reading = findings.bench.rig.sensors.contains_key(&candidate.component);
-        let (region, time_s) = region_of_given(findings, &candidate.component, &channels);
-        all.push(Location {
+        // Where the rig as it was given is off most.
+        let own = command_of(findings, &candidate.component);
+        let region = off_most(findings.bench, &findings.given.trace, &channels, own.as_deref());
+        let (words, time_s) = in_words(findings, region.as_ref());
+        let location = Location {
             side: candidate.side.clone(),
             component: candidate.component.clone(),
             share_of_residual: channels.iter().map(|c| squares(*c)).sum::<f64>() / total.max(1e-12),
-            region,
+            region: words,
             time_s,
             time_scale_s: 0.0,
             enters: if reading { "reading" } else { "mass balance" }.to_owned(),
-        });
+        };
+        all.push(Place { location, region });
     }
     all
 }
 
-/// Where the rig as it was given is off most, in words; and when.
-fn region_of_given(findings: &Findings<'_, '_>, component: &str, channels: &[usize]) -> (String, [f64; 2]) {
-    let own = command_of(findings, component);
-    let found = off_most(findings.bench, &findings.given.trace, channels, own.as_deref());
-    found.map_or_else(|| ("everywhere alike".to_owned(), whole(findings)), |found| (found.in_words(), found.time_s))
+/// A region in words, and when it is; everywhere and always where there is none.
+fn in_words(findings: &Findings<'_, '_>, region: Option<&Region>) -> (String, [f64; 2]) {
+    region.map_or_else(|| ("everywhere alike".to_owned(), whole(findings)), |found| (found.in_words(), found.time_s))
 }
 
 /// First and last time of all recordings.
@@ -174,7 +194,7 @@ fn sensor_of(findings: &Findings<'_, '_>, channel: usize) -> String {
     findings.bench.rig.sensors.keys().nth(channel).cloned().unwrap_or_default()
 }
 
-fn channels_of(findings: &Findings<'_, '_>, component: &str) -> Vec<usize> {
+pub(crate) fn channels_of(findings: &Findings<'_, '_>, component: &str) -> Vec<usize> {
     volumes_at(findings.bench.rig, component)
         .iter()
         .filter_map(|volume| channel_of(findings.bench.rig, volume))
@@ -195,7 +215,8 @@ pub(crate) fn command_of(findings: &Findings<'_, '_>, component: &str) -> Option
         .or_else(|| findings.bench.records.inputs().first().map(|input| input.column.clone()))
 }
 
-fn words_of_region(findings: &Findings<'_, '_>, component: &str, channels: &[usize]) -> (String, [f64; 2]) {
+/// Region in which most of what is missing from some channels' balances lies.
+fn region_of_missing(findings: &Findings<'_, '_>, component: &str, channels: &[usize]) -> Option<Region> {
     let energies = energies(findings, channels);
     let records = findings.bench.records;
     let stretches: Vec<Stretch<'_>> = energies
@@ -204,10 +225,7 @@ fn words_of_region(findings: &Findings<'_, '_>, component: &str, channels: &[usi
         .filter_map(|(record, energy)| Some(Stretch { energy, time_s: &records.records().get(record)?.time_s }))
         .collect();
     let axes = axes(findings.bench, command_of(findings, component).as_deref(), channels);
-    match most_telling(&stretches, &axes) {
-        Some(found) => (found.in_words(), found.time_s),
-        None => ("everywhere alike".to_owned(), whole(findings)),
-    }
+    most_telling(&stretches, &axes)
 }
 
 /// Energy of what is missing from some channels' balances beyond its own uncertainty, by recording and row.

@@ -1,10 +1,13 @@
 //! Next step after a diagnosis, as lines for a shell.
 
+use std::path::{Path, PathBuf};
+
 use model::rig::{ATMOSPHERE, Line, Rig};
 use proto::diagnosis::{NextStep, RigKind, Verdict};
 use proto::recording::Recording;
 
 use crate::event::other_rig::OtherRig;
+use crate::experiment::drives;
 use crate::report::files::NEXT_EXPERIMENT;
 use crate::run::Request;
 
@@ -24,25 +27,36 @@ pub(crate) struct Situation<'a> {
     pub(crate) other_rig: Option<&'a OtherRig>,
     /// Levels of a command that no recording came down to, in words.
     pub(crate) extrapolated: &'a [String],
+    /// Parameters that would explain better what the rig as given leaves.
+    pub(crate) parameters: Parameters,
+}
+
+/// Parameters of the given rig, where nothing is missing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Parameters {
+    /// As good as fitted ones.
+    AsGood,
+    /// A little worse than fitted ones.
+    ALittleOff,
 }
 
 /// The next step.
 pub(crate) fn next_step(situation: &Situation<'_>) -> NextStep {
-    let Situation { request, verdict, kind, planned, groups, in_part, other_rig, extrapolated } = situation;
+    let Situation { request, verdict, kind, planned, groups, in_part, other_rig, extrapolated, parameters } = situation;
     let rig_toml = shell(&request.out_dir.join("rig.toml").display().to_string());
     let of = |sources: &[&str], more: &str, out: &str| {
-        let recordings: Vec<String> = sources.iter().map(|source| shell(source)).collect();
-        format!("trainer diagnose --rig {} {}{more} --out {out}", shell(&request.rig_argument), recordings.join(" "))
+        format!("trainer diagnose --rig {} {}{more} --out {out}", shell(&request.rig_argument), named(sources))
     };
     let is_other = |source: &str| other_rig.is_some_and(|other| other.is_other(source));
     let sources: Vec<&str> =
         request.recordings.iter().map(Recording::source).filter(|source| !is_other(source)).collect();
     let again = |more: &str, out: &str| of(&sources, more, out);
     let step = |why: &str, commands: Vec<String>| NextStep { why: why.to_owned(), commands };
-    let next_out = shell(&format!("{}_2", request.out_dir.display()));
+    let next_to_out = |ending: &str| shell(&named_after(&request.out_dir, ending).display().to_string());
+    let next_out = next_to_out("2");
     if let (Verdict::Adequate, Some(other)) = (verdict, other_rig) {
         let each = other.differing.iter().enumerate().map(|(at, file)| {
-            let out = shell(&format!("{}_{}", request.out_dir.display(), at + 2));
+            let out = next_to_out(&(at + 2).to_string());
             of(&[&file.source], WITH_THE_SAME, &out)
         });
         return step(
@@ -51,6 +65,17 @@ pub(crate) fn next_step(situation: &Situation<'_>) -> NextStep {
         );
     }
     match verdict {
+        Verdict::Adequate if *parameters == Parameters::ALittleOff => {
+            let out = next_to_out("fitted.toml");
+            step(
+                "Nothing needs to be done, unless what fitted parameters set right matters: then take these.",
+                vec![format!(
+                    "trainer identify --rig {} {} --out {out}",
+                    shell(&request.rig_argument),
+                    named(&sources)
+                )],
+            )
+        }
         Verdict::Adequate => step(
             "Nothing needs to be done: nothing known explains these recordings better than the rig file.",
             Vec::new(),
@@ -146,13 +171,27 @@ fn at_rest(rig: &Rig) -> &'static str {
     }
 }
 
-/// Tells whether the daemon can drive the rig: it has the paper's two sides and commands.
-fn drives(rig: &Rig) -> bool {
-    let commanded = |column: &str| rig.valves.values().any(|valve| valve.command == column);
-    rig.volumes.contains_key("positive")
-        && rig.volumes.contains_key("negative")
-        && commanded("u_pos")
-        && commanded("u_neg")
+/// Path beside a folder, called after it: `found_2` beside `found`, and `2` inside of one that is given by no name of its own, as `.` is.
+fn named_after(folder: &Path, ending: &str) -> PathBuf {
+    match folder.file_name() {
+        Some(name) => {
+            let mut name = name.to_owned();
+            name.push("_");
+            name.push(ending);
+            folder.with_file_name(name)
+        }
+        None => folder.join(ending),
+    }
+}
+
+/// Recordings as arguments for a shell. One that a daemon still writes loses `.partial` when it ends, which may be before a command is
+/// pasted.
+fn named(sources: &[&str]) -> String {
+    let at_its_end = |source: &&str| match source.strip_suffix(".partial.mcap") {
+        Some(stem) => shell(&format!("{stem}.mcap")),
+        None => shell(source),
+    };
+    sources.iter().map(at_its_end).collect::<Vec<_>>().join(" ")
 }
 
 /// A word for a POSIX shell.
@@ -188,7 +227,32 @@ mod tests {
             in_part: false,
             other_rig: None,
             extrapolated: &[],
+            parameters: Parameters::AsGood,
         })
+    }
+
+    /// Where fitted parameters explain what the given ones leave, the command that takes them is named.
+    #[test]
+    fn parameters_that_are_a_little_off_can_be_taken() {
+        let request = request(Rig::builtin("dual_pressure").unwrap());
+        let of = |parameters| {
+            next_step(&Situation {
+                request: &request,
+                verdict: Verdict::Adequate,
+                kind: RigKind::AsGiven,
+                planned: false,
+                groups: &[],
+                in_part: false,
+                other_rig: None,
+                extrapolated: &[],
+                parameters,
+            })
+        };
+        assert!(of(Parameters::AsGood).commands.is_empty());
+        let step = of(Parameters::ALittleOff);
+        let [command] = &step.commands[..] else { panic!("{step:?}") };
+        assert!(command.starts_with("trainer identify --rig 'my rig.toml'"), "{command}");
+        assert!(command.ends_with("--out found_fitted.toml"), "{command}");
     }
 
     #[test]
@@ -205,6 +269,7 @@ mod tests {
                 in_part: true,
                 other_rig: None,
                 extrapolated: &[],
+                parameters: Parameters::AsGood,
             })
         };
         let step = at_hand(&request);
@@ -256,6 +321,34 @@ mod tests {
         rig.valves.clear();
         let step = next(&request(rig), Verdict::Undecided, true, &[]);
         assert!(step.commands.len() == 1 && !step.commands[0].contains("controller"), "{step:?}");
+    }
+
+    /// A slash behind a folder, or a folder without a name of its own, makes no name that nobody meant.
+    #[test]
+    fn what_comes_next_is_named_after_the_folder() {
+        let out = |folder: &str| {
+            let request = Request { out_dir: folder.into(), ..request(Rig::builtin("dual_pressure").unwrap()) };
+            let command = next(&request, Verdict::UnknownMechanism, false, &[]).commands.remove(0);
+            let beside = named_after(Path::new(folder), "fitted.toml").display().to_string();
+            [command.rsplit_once(" --out ").unwrap().1.to_owned(), beside]
+        };
+        for folder in ["found", "found/", "found/."] {
+            assert_eq!(out(folder), ["found_2", "found_fitted.toml"], "{folder}");
+        }
+        assert_eq!(out("a/found/"), ["a/found_2", "a/found_fitted.toml"]);
+        assert_eq!(out("."), ["./2", "./fitted.toml"]);
+        assert_eq!(out("../.."), ["../../2", "../../fitted.toml"]);
+    }
+
+    /// A recording that a daemon still writes is called otherwise once it ends.
+    #[test]
+    fn a_recording_is_named_as_it_is_called_at_its_end() {
+        let time_s = (0..3).map(|row| 0.02 * f64::from(row)).collect();
+        let recording = Recording::new("runs/run 1.partial.mcap", time_s, Vec::new()).unwrap();
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let request = Request { recordings: vec![recording], ..request(rig) };
+        let command = next(&request, Verdict::UnknownMechanism, false, &[]).commands.remove(0);
+        assert!(command.contains(" 'runs/run 1.mcap' --out "), "{command}");
     }
 
     #[test]

@@ -6,6 +6,7 @@ use report::{KeyFigure, Report, Table, Verdict as Sign};
 
 use crate::report::figures::Figures;
 use crate::report::findings::Findings;
+use crate::report::localization::Place;
 use crate::report::summary::{noise_in_words, noise_kpa};
 use crate::report::unexplained;
 use crate::report::wording::{in_words, short};
@@ -16,7 +17,7 @@ mod plots;
 mod tables;
 
 /// The page.
-pub(crate) fn page(findings: &Findings<'_, '_>, diagnosis: &Diagnosis, rig_toml: &str) -> String {
+pub(crate) fn page(findings: &Findings<'_, '_>, diagnosis: &Diagnosis, places: &[Place], rig_toml: &str) -> String {
     let bench = findings.bench;
     // A recording that is run in pieces is one recording.
     let mut seconds: Vec<(&str, f64)> = Vec::new();
@@ -39,7 +40,7 @@ pub(crate) fn page(findings: &Findings<'_, '_>, diagnosis: &Diagnosis, rig_toml:
         report = report.heading("About the recordings").list(diagnosis.notes.clone());
     }
     if !diagnosis.mechanisms.is_empty() {
-        report = report.heading("What was found").table(found_table(diagnosis));
+        report = report.heading("What was found").table(found_table(&diagnosis.mechanisms));
     }
     if !diagnosis.rivals.is_empty() {
         report = report
@@ -77,7 +78,7 @@ pub(crate) fn page(findings: &Findings<'_, '_>, diagnosis: &Diagnosis, rig_toml:
             format!("{place}, {}: {at_most}{share} of it; {}{span}{scale}", l.enters, l.region)
         }));
         report = report.table(suspects(findings));
-        for plot in regions(findings, diagnosis) {
+        for plot in regions(findings, places) {
             report = report.plot(plot);
         }
     }

@@ -10,11 +10,12 @@ use crate::event::Event;
 use crate::event::changes;
 use crate::judge::extrapolated::Extrapolated;
 use crate::judge::implausible_parameters;
+use crate::judge::undetermined::is_undetermined;
 use crate::locate::{Suspect, Suspicion};
 use crate::pump::ripple::{Heard, Number, Told};
-use crate::report::findings::Findings;
+use crate::report::findings::{BetterFitted, Findings};
 use crate::report::unexplained;
-use crate::report::wording::{called, does, does_at, in_words, plain, three};
+use crate::report::wording::{called, does, does_at, in_words, number_in_words, three};
 use crate::search::place::side_of;
 use crate::search::position_of;
 
@@ -114,7 +115,9 @@ fn verdict_in_words(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) 
     let judgement = findings.judgement;
     let [before, after] = findings.before_and_after_kpa();
     let further_off = findings.unexplained.iter().any(|left| left.further_off.is_some());
+    let better_fitted = findings.better_fitted();
     match judgement.verdict {
+        Verdict::Adequate if !better_fitted.is_empty() => hardly_moved(&better_fitted),
         Verdict::Adequate if further_off || after > NOISE_ALONE * noise_kpa(findings.bench) => {
             "No known mechanism and no other parameters make the model better than it stands; yet it does not explain all of these \
              recordings."
@@ -192,6 +195,17 @@ fn verdict_in_words(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) 
     }
 }
 
+/// Fitted parameters explain more on validation data, but by too little, or not certainly enough, for the verdict that parameters
+/// moved.
+fn hardly_moved(better_fitted: &[BetterFitted<'_>]) -> String {
+    let told: Vec<String> = better_fitted.iter().map(BetterFitted::in_words).collect();
+    format!(
+        "No known mechanism makes the model better than it stands. Fitted parameters do: with them the open-loop simulation is \
+         {} on validation data. rig.toml is the rig as it was given.",
+        told.join(", and ")
+    )
+}
+
 /// The parameters that moved most, in words.
 fn moved(findings: &Findings<'_, '_>) -> String {
     let mut estimates: Vec<_> = findings.found.nominal.fitted.estimates.iter().collect();
@@ -260,9 +274,15 @@ fn heard_off_the_ripple(findings: &Findings<'_, '_>, heard: &Heard, told: &Told)
     let [before, after] = [&findings.reidentified, &findings.fitted].map(|figures| figures.total_rmse_kpa());
     let (mut parameters, mut numbers) = (BTreeMap::new(), Vec::new());
     for Number { key, unit, value, interval: [low, high] } in &told.numbers {
-        numbers.push(format!("{} {} ({} … {}) {unit}", plain(key), three(*value), three(*low), three(*high)));
-        let parameter =
-            FoundParameter { value: *value, unit: (*unit).to_owned(), low: *low, high: *high, at_end_of_range: None };
+        let parameter = FoundParameter {
+            value: *value,
+            unit: (*unit).to_owned(),
+            low: *low,
+            high: *high,
+            at_end_of_range: None,
+            undetermined: false,
+        };
+        numbers.push(number_in_words(key, &parameter, None));
         parameters.insert((*key).to_owned(), parameter);
     }
     let numbers = numbers.join(", ");
@@ -302,20 +322,14 @@ fn mechanism(findings: &Findings<'_, '_>, term: usize) -> FoundMechanism {
     if let Some(at) = position_of(findings.bench, findings.candidates, best, term) {
         for (place, estimate) in best.fitted.estimates.iter().skip(at).take(candidate.len()).enumerate() {
             let [low, high] = estimate.interval();
-            let unit = estimate.parameter.unit();
+            let unit = estimate.parameter.unit().to_owned();
             let key = estimate.parameter.path.rsplit('.').next().unwrap_or_default().to_owned();
             let at_end_of_range = candidate.end_of_range(place, estimate.value);
             let beyond = findings.extrapolated.iter().find(|of| of.is_of(term, &key));
-            let end = match at_end_of_range {
-                Some(_) => ", the end of the range that was searched".to_owned(),
-                None => beyond.map(|of| format!(", {}", of.in_brief())).unwrap_or_default(),
-            };
-            let value =
-                format!("{} {} ({} … {}{end}) {unit}", plain(&key), three(estimate.value), three(low), three(high));
-            // A share or a factor has no unit.
-            told.push(value.trim_end().to_owned());
-            let unit = unit.to_owned();
-            parameters.insert(key, FoundParameter { value: estimate.value, unit, low, high, at_end_of_range });
+            let (value, undetermined) = (estimate.value, is_undetermined(estimate));
+            let number = FoundParameter { value, unit, low, high, at_end_of_range, undetermined };
+            told.push(number_in_words(&key, &number, beyond.map(Extrapolated::in_brief)));
+            parameters.insert(key, number);
         }
     }
     let contest = findings.judgement.contested.iter().find(|c| c.term == term);
@@ -326,7 +340,12 @@ fn mechanism(findings: &Findings<'_, '_>, term: usize) -> FoundMechanism {
         id: candidate.id.clone(),
         side: candidate.side.clone(),
         component: candidate.component.clone(),
-        summary: format!("{} {} ({}).", called(findings, candidate), does_at(findings, candidate), told.join(", ")),
+        summary: format!(
+            "{} {} ({}).",
+            called(findings, candidate),
+            does_at(findings.bench.rig, candidate),
+            told.join(", ")
+        ),
         parameters,
         evidence: FoundEvidence { delta_log_likelihood: contest.map_or(0.0, |c| c.gain), held_out_rmse_gain: own_gain },
         rivals: contest.map(|c| c.rivals.iter().map(|k| findings.candidates[*k].name()).collect()).unwrap_or_default(),

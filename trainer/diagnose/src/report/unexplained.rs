@@ -14,7 +14,7 @@ use crate::report::figures::{Figures, held_out};
 /// Rows over which errors are averaged before they are put into regions: 0.2 s.
 const ROWS: usize = 10;
 /// Multiples of the noise from which on a residual is worth its region.
-const TIMES_NOISE: f64 = 1.0;
+pub(crate) const TIMES_NOISE: f64 = 1.0;
 
 /// Factor over the error on validation data, and over the noise, from which on the error in rows that are no validation data is
 /// told: one that is not more is what the figures on validation data say.

@@ -2,6 +2,9 @@
 
 pub(crate) use fit::wording::three_digits as three;
 
+use model::rig::Rig;
+use proto::diagnosis::FoundParameter;
+
 use crate::report::findings::Findings;
 use crate::search::candidate::Candidate;
 
@@ -13,10 +16,10 @@ pub(crate) fn does(id: &str) -> &'static str {
         "valve_lag" => "follows its command late",
         "valve_force_curve" => "is pushed open by the pressure in another way than in proportion",
         "coil_heating" => "opens less as its coil warms",
-        "supply_sag" => "sags when both coils draw current, so that each valve opens less",
+        "supply_sag" => "sags when its coils draw current together, so that each valve opens less",
         "command_delay" => "acts on a command a fixed time after it was sent",
-        "chamber_leak" => "leaks to the outside even when its valve is shut",
-        "cross_leak" => "lets air pass back from the positive to the negative side",
+        "chamber_leak" => "leaks to the outside",
+        "cross_leak" => "loses gas into another chamber, or lets it in from there",
         "piston_blowby" => "loses air past its piston rings",
         "chamber_thermal" => "warms when it is filled and cools afterwards, so its pressure overshoots and creeps back",
         "volume_compliance" => "grows with its pressure",
@@ -36,14 +39,19 @@ pub(crate) fn does(id: &str) -> &'static str {
     }
 }
 
-/// Words on what a mechanism does where it is.
-pub(crate) fn does_at(findings: &Findings<'_, '_>, candidate: &Candidate) -> &'static str {
-    let line = findings.bench.rig.lines.contains_key(&candidate.component);
+/// Words on what a mechanism does where it is: by what there is of valves and chambers in the rig.
+pub(crate) fn does_at(rig: &Rig, candidate: &Candidate) -> &'static str {
+    let component = candidate.component.as_str();
+    let has_a_valve =
+        || rig.valves.values().any(|valve| [&valve.from, &valve.to].into_iter().any(|at| at == component));
+    let has_both_sides = || component == "positive" && rig.volumes.contains_key("negative") && rig.volumes.len() == 2;
     match candidate.id.as_str() {
-        "line_resistance" if line => {
+        "line_resistance" if rig.lines.contains_key(component) => {
             "loses more pressure than in proportion to its flow: part of it grows with the square"
         }
-        "chamber_leak" if findings.bench.rig.valves.is_empty() => "leaks to the outside",
+        "chamber_leak" if has_a_valve() => "leaks to the outside even when its valve is shut",
+        "cross_leak" if has_both_sides() => "lets air pass back from the positive to the negative side",
+        "supply_sag" if rig.valves.len() == 2 => "sags when both coils draw current, so that each valve opens less",
         "volume_change" if candidate.onset().is_some() => "takes on another volume while a recording runs",
         id => does(id),
     }
@@ -116,8 +124,69 @@ pub(crate) fn in_words(findings: &Findings<'_, '_>, name: &str) -> String {
         Some(candidate) => {
             let called = called(findings, candidate);
             let lower = called.strip_prefix("The ").map_or(called.clone(), |rest| format!("the {rest}"));
-            format!("{lower} {}", does_at(findings, candidate))
+            format!("{lower} {}", does_at(findings.bench.rig, candidate))
         }
         None => name.to_owned(),
+    }
+}
+
+/// A number of a mechanism in words: `half width 0.031 (0.028 … 0.034) duty`, its interval alone where recordings do not tell it. What
+/// is told of a value at which no recording was stands behind its interval, and so does the end of the range that it stands at.
+pub(crate) fn number_in_words(key: &str, number: &FoundParameter, beyond: Option<&str>) -> String {
+    let (key, low, high) = (plain(key), three(number.low), three(number.high));
+    let told = if number.undetermined {
+        format!("{key} not told by these recordings: {low} … {high} {}", number.unit)
+    } else {
+        let end = match number.at_end_of_range {
+            Some(_) => ", the end of the range that was searched".to_owned(),
+            None => beyond.map(|words| format!(", {words}")).unwrap_or_default(),
+        };
+        format!("{key} {} ({low} … {high}{end}) {}", three(number.value), number.unit)
+    };
+    // A share or a factor has no unit.
+    told.trim_end().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::search::candidate::candidates;
+    use proto::diagnosis::RangeEnd;
+
+    fn said(rig: &Rig, name: &str) -> &'static str {
+        let all = candidates(rig);
+        does_at(rig, all.iter().find(|candidate| candidate.name() == name).unwrap())
+    }
+
+    /// A chamber in a rig with valves need not have one itself, nor need chambers be a positive and a negative one.
+    #[test]
+    fn a_sentence_presumes_nothing_that_the_rig_lacks() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        assert!(said(&rig, "chamber_leak:positive").ends_with("even when its valve is shut"));
+        assert!(said(&rig, "cross_leak:positive").ends_with("from the positive to the negative side"));
+        let mut other = rig.clone();
+        other.valves.shift_remove("valve_neg");
+        assert_eq!(said(&other, "chamber_leak:negative"), "leaks to the outside");
+        assert!(said(&other, "chamber_leak:positive").ends_with("even when its valve is shut"));
+        let duo = crate::made::two_chambers::rig();
+        assert_eq!(said(&duo, "chamber_leak:b"), "leaks to the outside");
+        assert!(!said(&duo, "cross_leak:a").contains("positive"));
+    }
+
+    /// The end of a range says something of a number that is told there, and nothing of one that is not.
+    #[test]
+    fn the_end_of_a_range_belongs_to_a_number_that_is_told() {
+        let number = |undetermined: bool| FoundParameter {
+            value: 880.0,
+            unit: "ms".to_owned(),
+            low: 0.125,
+            high: 900.0,
+            at_end_of_range: Some(RangeEnd::High),
+            undetermined,
+        };
+        let told = number_in_words("lag_ms", &number(false), None);
+        assert_eq!(told, "lag 880 (0.125 … 900, the end of the range that was searched) ms");
+        let untold = number_in_words("lag_ms", &number(true), Some("beyond what was recorded"));
+        assert_eq!(untold, "lag not told by these recordings: 0.125 … 900 ms");
     }
 }

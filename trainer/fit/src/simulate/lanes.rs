@@ -119,15 +119,19 @@ pub(super) fn sweep<R: Simulated>(
             let led = if simulation.has_gas_that_warms() { longest.chain.led_rows() } else { 0 };
             let warm = (led > 0).then(|| {
                 let from: Vec<R> = (0..channels).map(|c| each(&|lane| lane.reading_before(c, led))).collect();
-                let sent = |rows: usize| -> Vec<R> {
-                    (0..commands.len()).map(|input| each(&|lane| lane.command_before(input, rows)[0])).collect()
+                let read_before = |rows: usize, sent: &mut [R]| {
+                    for (input, slot) in sent.iter_mut().enumerate() {
+                        *slot = each(&|lane| lane.command_before(input, rows)[0]);
+                    }
                 };
+                let mut sent = commands.clone();
+                read_before(led, &mut sent);
                 let begins = simulation.start_for(&from);
-                simulation.start_at(&from, &sent(led), begins, crank_rev, elapsed_s - led as f64 * PERIOD_S);
+                simulation.start_at(&from, &sent, begins, crank_rev, elapsed_s - led as f64 * PERIOD_S);
                 for rows in (1..=led).rev() {
-                    let before = sent(rows);
+                    read_before(rows, &mut sent);
                     for _ in 0..ticks_per_row {
-                        simulation.tick(&before);
+                        simulation.tick(&sent);
                     }
                 }
                 simulation.gas_temperatures_k()

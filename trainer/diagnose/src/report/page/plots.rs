@@ -1,13 +1,14 @@
 //! Plots of the page.
 
 use model::rig::ATMOSPHERE;
-use proto::diagnosis::Diagnosis;
 use report::{Band, Color, Line, Panel, Plot, Scatter};
 
 use super::{rival_name, shows_extended};
+use crate::locate::region::{Axis, AxisKind, Region};
+use crate::recordings::axes::axes;
 use crate::report::figures::held_out;
 use crate::report::findings::Findings;
-use crate::report::localization::command_of;
+use crate::report::localization::{Place, channels_of, command_of};
 
 /// The 30 held-out seconds on which the re-identified rig is worst.
 fn window(findings: &Findings<'_, '_>) -> (usize, std::ops::Range<usize>) {
@@ -71,30 +72,40 @@ pub(super) fn traces(findings: &Findings<'_, '_>) -> Plot {
     plot
 }
 
-/// The error over the command of each named place, rising and falling apart, before and after.
-pub(super) fn regions(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Vec<Plot> {
+/// The error over the quantity on which the region of each place lies, before and after; of a place without a region over the command
+/// that has to do with it.
+pub(super) fn regions(findings: &Findings<'_, '_>, places: &[Place]) -> Vec<Plot> {
     let mut plots = Vec::new();
-    for location in diagnosis.location.iter().take(2) {
+    for Place { location, region } in places.iter().take(2) {
         let component = location.component.split(',').next().unwrap_or(ATMOSPHERE);
-        let Some(command) = command_of(findings, component) else { continue };
-        let volumes = crate::search::place::volumes_at(findings.bench.rig, component);
-        let Some(channel) = volumes.iter().find_map(|v| crate::search::place::channel_of(findings.bench.rig, v)) else {
-            continue;
+        let Some(channel) = channels_of(findings, component).first().copied() else { continue };
+        let own = command_of(findings, component);
+        let every_pressure: Vec<usize> = (0..findings.bench.records.sensors().len()).collect();
+        let all = axes(findings.bench, own.as_deref(), &every_pressure);
+        let Some(axis) = axis_of(&all, region.as_ref()) else { continue };
+        let title = match region {
+            Some(_) => format!("Error over {}: {}", axis.name, location.region),
+            None => format!("Error over {}", axis.name),
         };
-        let mut plot = Plot::new(&format!("Error over {command}: {}", location.region), &format!("{command} (duty)"))
-            .caption("Simulated less recorded, averaged over 0.2 s; rising and falling command apart.");
+        let (label, apart) = match axis.kind {
+            AxisKind::Command => (format!("{} (duty)", axis.name), "; rising and falling command apart"),
+            AxisKind::Pressure => (format!("{} (kPa gauge)", axis.name), ""),
+            AxisKind::SinceChange | AxisKind::SinceStart => (format!("{} (s)", axis.name), ""),
+        };
+        let caption = format!("Simulated less recorded, averaged over 0.2 s{apart}.");
+        let mut plot = Plot::new(&title, &label).caption(&caption);
         let mut rigs = vec![("parameters fitted", &findings.reidentified)];
         if shows_extended(findings) {
             rigs.push(("with what was found", &findings.extended));
         }
         let mut reach: f64 = 0.1;
-        let clouds: Vec<_> = rigs.iter().map(|(_, f)| clouds(findings, &f.trace, channel, &command)).collect();
+        let clouds: Vec<_> = rigs.iter().map(|(_, f)| clouds(findings, &f.trace, channel, axis)).collect();
         for (_, y, _) in clouds.first().map(|c| c.to_vec()).unwrap_or_default() {
             reach = y.iter().fold(reach, |a: f64, b: &f64| a.max(b.abs()));
         }
         for ((name, _), cloud) in rigs.iter().zip(clouds) {
             let mut panel = Panel::new(&format!("{name} (kPa)")).height(150.0).y_range(-reach, reach);
-            for (x, y, (label, color)) in cloud {
+            for (x, y, (label, color)) in cloud.into_iter().filter(|(x, ..)| !x.is_empty()) {
                 panel = panel.scatter(Scatter::new(label, &x, &y).color(color));
             }
             plot = plot.panel(panel);
@@ -106,18 +117,26 @@ pub(super) fn regions(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Vec
 
 type Cloud = (Vec<f64>, Vec<f64>, (&'static str, Color));
 
-/// Smoothed errors over a command: rising, falling, steady.
-fn clouds(findings: &Findings<'_, '_>, trace: &[f64], channel: usize, command: &str) -> [Cloud; 3] {
+/// The axis that a region lies on; the first one, which is the place's own command, where there is no region.
+fn axis_of<'a>(axes: &'a [Axis], region: Option<&Region>) -> Option<&'a Axis> {
+    match region {
+        Some(region) => axes.iter().find(|axis| axis.kind == region.kind && axis.name == region.name),
+        None => axes.first().filter(|axis| axis.kind == AxisKind::Command),
+    }
+}
+
+/// Smoothed errors over a quantity: a command's rising, falling, steady; of any other all in the last.
+fn clouds(findings: &Findings<'_, '_>, trace: &[f64], channel: usize, axis: &Axis) -> [Cloud; 3] {
     const ROWS: usize = 10;
     let records = findings.bench.records;
     let layout = records.layout();
     let mut out: [Cloud; 3] = [
         (Vec::new(), Vec::new(), ("rising", Color::Vermilion)),
         (Vec::new(), Vec::new(), ("falling", Color::Blue)),
-        (Vec::new(), Vec::new(), ("steady", Color::Grey)),
+        (Vec::new(), Vec::new(), (if axis.kind == AxisKind::Command { "steady" } else { "all" }, Color::Grey)),
     ];
     for record in 0..layout.records() {
-        let Some(u) = records.input(record, command) else { continue };
+        let Some(u) = axis.values.get(record) else { continue };
         let range = layout.channel(record, channel);
         let simulated = trace.get(range.clone()).unwrap_or_default();
         let recorded = records.readings_kpa().get(range).unwrap_or_default();
@@ -128,7 +147,9 @@ fn clouds(findings: &Findings<'_, '_>, trace: &[f64], channel: usize, command: &
             }
             let error = s.iter().zip(r).map(|(s, r)| s - r).sum::<f64>() / ROWS as f64;
             let moved = u.last().unwrap_or(&0.0) - u.first().unwrap_or(&0.0);
-            let slot = if moved > 2e-3 {
+            let slot = if axis.kind != AxisKind::Command {
+                &mut out[2]
+            } else if moved > 2e-3 {
                 &mut out[0]
             } else if moved < -2e-3 {
                 &mut out[1]
@@ -198,4 +219,30 @@ pub(super) fn experiment(findings: &Findings<'_, '_>) -> Plot {
         plot = plot.panel(panel).panel(apart);
     }
     plot
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A valve's own command comes first, and the mismatch may live on the other one's, or on a pressure.
+    #[test]
+    fn the_axis_of_a_plot_is_that_of_its_region() {
+        let axis = |kind, name: &str| Axis { kind, name: name.to_owned(), values: Vec::new() };
+        let all =
+            [axis(AxisKind::Command, "u_pos"), axis(AxisKind::Command, "u_neg"), axis(AxisKind::Pressure, "p_pos_kpa")];
+        for of in &all {
+            let region = Region {
+                kind: of.kind,
+                name: of.name.clone(),
+                within: [0.0, 1.0],
+                way: None,
+                share: 0.8,
+                rows: 0.1,
+                time_s: [0.0, 1.0],
+            };
+            assert_eq!(axis_of(&all, Some(&region)).map(|axis| axis.name.as_str()), Some(of.name.as_str()));
+        }
+        assert_eq!(axis_of(&all, None).map(|axis| axis.name.as_str()), Some("u_pos"));
+    }
 }

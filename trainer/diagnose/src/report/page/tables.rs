@@ -9,12 +9,12 @@ use super::{rival_name, shows_extended};
 use crate::locate::Suspect;
 use crate::report::findings::Findings;
 use crate::report::wording::{short, three};
-use proto::diagnosis::Diagnosis;
+use proto::diagnosis::FoundMechanism;
 
 /// Candidates of a round that are shown.
 const MOST_SHOWN: usize = 6;
 
-pub(super) fn found_table(diagnosis: &Diagnosis) -> Table {
+pub(super) fn found_table(mechanisms: &[FoundMechanism]) -> Table {
     let mut table = Table::new([
         "mechanism",
         "where",
@@ -25,7 +25,7 @@ pub(super) fn found_table(diagnosis: &Diagnosis) -> Table {
         "gain in log-likelihood",
         "own gain",
     ]);
-    for m in &diagnosis.mechanisms {
+    for m in mechanisms {
         for (at, (name, p)) in m.parameters.iter().enumerate() {
             // What belongs to the mechanism as a whole stands once.
             let once = |text: String| if at == 0 { text } else { String::new() };
@@ -33,7 +33,7 @@ pub(super) fn found_table(diagnosis: &Diagnosis) -> Table {
                 once(m.id.clone()),
                 once(m.component.replace(',', ", ")),
                 name.clone(),
-                three(p.value),
+                if p.undetermined { "not told".to_owned() } else { three(p.value) },
                 format!("{} … {}", three(p.low), three(p.high)),
                 p.unit.clone(),
                 once(gain_in_words(m.evidence.delta_log_likelihood)),
@@ -183,5 +183,43 @@ fn value_and_sd(fitted: &Fitted, at: usize) -> [String; 2] {
             let side = if runaway.end == End::High { "above" } else { "below" };
             [format!("{side} {}", three(runaway.beyond)), "no limit".to_owned()]
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use proto::diagnosis::{FoundEvidence, FoundParameter};
+    use report::Report;
+
+    use super::*;
+
+    /// A number that the recordings do not tell stands nowhere in the table, its interval does.
+    #[test]
+    fn a_number_that_is_not_told_is_not_shown() {
+        let number = |value: f64, undetermined: bool| FoundParameter {
+            value,
+            unit: "ms".to_owned(),
+            low: 0.125,
+            high: 900.0,
+            at_end_of_range: None,
+            undetermined,
+        };
+        let found = FoundMechanism {
+            id: "sensor_lag".to_owned(),
+            side: "positive".to_owned(),
+            component: "sensor_pos".to_owned(),
+            summary: String::new(),
+            parameters: BTreeMap::from([
+                ("known_ms".to_owned(), number(23.4, false)),
+                ("unknown_ms".to_owned(), number(56.7, true)),
+            ]),
+            evidence: FoundEvidence { delta_log_likelihood: 100.0, held_out_rmse_gain: 0.5 },
+            rivals: Vec::new(),
+        };
+        let page = Report::new("Report").table(found_table(&[found])).to_html();
+        assert!(page.contains("23.4") && page.contains("unknown_ms") && page.contains("not told"), "{page}");
+        assert!(!page.contains("56.7") && page.matches("0.125 … 900").count() == 2, "{page}");
     }
 }

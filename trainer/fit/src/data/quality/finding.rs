@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use crate::wording::percent;
+
 /// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
@@ -48,6 +50,27 @@ pub enum Trouble {
     PumpOff,
     /// The pump stood while the recorded commands say that it ran.
     PumpStood,
+}
+
+/// Severity and words of what is done about readings that cannot be trusted: they are left out, and where they are more than a share
+/// `most` of a channel's nothing can be fitted to the recording. `longest_s` are the times of the longest stretch of them; empty where
+/// they stand apart.
+pub(super) fn consequence(share: f64, most: f64, longest_s: &[f64]) -> (Severity, String) {
+    if share <= most {
+        return (Severity::Doubtful, "left out".to_owned());
+    }
+    let stretch = match (longest_s.first(), longest_s.last()) {
+        (Some(from_s), Some(to_s)) => {
+            format!(", or cut such rows out of it (the longest stretch: {from_s:.1} to {to_s:.1} s)")
+        }
+        _ => String::new(),
+    };
+    let text = format!(
+        "left out, and more than {} of all: nothing can be fitted to this recording; leave the file out, others will do without \
+         it{stretch}",
+        percent(most, 0)
+    );
+    (Severity::Unusable, text)
 }
 
 /// Something wrong with a recording.

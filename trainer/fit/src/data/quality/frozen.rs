@@ -14,7 +14,8 @@ use std::ops::Range;
 use proto::recording::PERIOD_S;
 
 use super::expected::Expected;
-use super::readings::severity_of;
+use super::finding::consequence;
+use super::readings::MOST_LEFT_OUT;
 use super::{Finding, Trouble};
 use crate::data::Records;
 use crate::data::noise::span;
@@ -88,21 +89,22 @@ fn left_out(
 ) -> Option<Finding> {
     let (r, column) = (records.records().get(record)?, records.sensors().get(channel)?);
     frozen.retain(|run| r.segments.iter().any(|segment| segment.start <= run.start && run.end <= segment.end));
-    let longest = frozen.iter().map(Range::len).max()?;
+    let longest = frozen.iter().max_by_key(|run| run.len())?.clone();
     let rows: usize = frozen.iter().map(Range::len).sum();
     for run in frozen {
         usable.get_mut(run).unwrap_or_default().fill(0.0);
     }
     let share = rows as f64 / r.time_s.len().max(1) as f64;
+    let (severity, done) = consequence(share, MOST_LEFT_OUT, r.time_s.get(longest.clone()).unwrap_or_default());
     Some(Finding {
         source: r.source.clone(),
         column: column.clone(),
-        severity: severity_of(share),
+        severity,
         trouble: Trouble::Stuck,
         text: format!(
-            "stuck: the same reading for up to {:.1} s ({} of the recording) while {meanwhile}; left out. Look for a dead \
-             sensor or a logger that holds the last value",
-            longest as f64 * PERIOD_S,
+            "stuck: readings stand still for up to {:.1} s ({} of the recording) while {meanwhile}; {done}. Look for a dead sensor or a \
+             logger that holds the last value",
+            longest.len() as f64 * PERIOD_S,
             percent(share, 1),
         ),
     })

@@ -10,8 +10,9 @@
 use std::ops::Range;
 
 use super::expected::Expected;
+use super::finding::consequence;
 use super::readings::range_of;
-use super::{Finding, Severity, Trouble, median};
+use super::{Finding, Trouble, median};
 use crate::data::noise::span;
 use crate::data::steps::command_steps;
 use crate::data::{Noise, Records};
@@ -63,20 +64,22 @@ pub(super) fn check(
             };
             let rows: usize = runs.iter().map(Range::len).sum();
             let usable = usable.get_mut(records.layout().channel(record, channel)).unwrap_or_default();
+            let longest = runs.iter().max_by_key(|run| run.len()).and_then(|run| r.time_s.get(run.clone()));
             runs.into_iter().for_each(|run| usable.get_mut(run).unwrap_or_default().fill(0.0));
             let share = rows as f64 / r.time_s.len().max(1) as f64;
             let end = range_of(rig, column)
                 .is_some_and(|[low, high]| (at_kpa - low).abs().min((at_kpa - high).abs()) < 0.02 * (high - low));
             let whose =
                 if end { "the end of the sensor's range" } else { "a limit (amplifier, converter, or a relief valve)" };
+            let (severity, done) = consequence(share, MOST, longest.unwrap_or_default());
             findings.push(Finding {
                 source: r.source.clone(),
                 column: column.clone(),
-                severity: if share > MOST { Severity::Unusable } else { Severity::Doubtful },
+                severity,
                 trouble: Trouble::Clipped,
                 text: format!(
                     "clipped: {rows} readings ({}) stand at {at_kpa:.2} kPa within their noise, {whose}, where the rig would go beyond; \
-                     they are left out. Keep the pressure below it, or mend the amplifier",
+                     {done}. Keep the pressure below it, or mend the amplifier",
                     percent(share, 1)
                 ),
             });

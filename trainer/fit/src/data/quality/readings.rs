@@ -8,6 +8,7 @@ use std::ops::Range;
 
 use model::rig::Rig;
 
+use super::finding::consequence;
 use super::{Finding, Severity, Trouble, frozen, wild};
 use crate::data::noise::{converter_step, of_fourth_differences};
 use crate::data::steps::near_steps;
@@ -30,6 +31,8 @@ const HEAP: usize = 50;
 const NEAR_END: f64 = 0.02;
 /// A channel with fewer distinct readings than this is flat.
 const DISTINCT: usize = 4;
+/// The most of a channel's readings, as a share, that are left out for standing still.
+pub(super) const MOST_LEFT_OUT: f64 = 0.2;
 /// Samples further apart than this, in s, are not asked for wild ones.
 pub(in crate::data) const WILD_SAMPLING_S: f64 = 0.05;
 
@@ -64,7 +67,8 @@ pub(super) fn check(
             };
             let near_step = near_steps(r, &rows);
             let (range, sampling_s) = (range_of(rig, column), r.sampling_s);
-            let of = Channel { values: &values, sigma, range, sampling_s, near_step: &near_step };
+            let time_s: Vec<f64> = rows.iter().filter_map(|row| r.time_s.get(*row)).copied().collect();
+            let of = Channel { values: &values, time_s: &time_s, sigma, range, sampling_s, near_step: &near_step };
             let (smooth, wild) = of.check(&mut mask, add);
             let begin = records.layout().channel(record, channel).start;
             seen.wild.extend(wild.iter().filter_map(|at| Some(begin + rows.get(*at)?)));
@@ -86,6 +90,8 @@ pub(super) fn check(
 /// The samples of one sensor in one recording.
 struct Channel<'a> {
     values: &'a [f64],
+    /// Time in s, by sample.
+    time_s: &'a [f64],
     /// Noise in kPa.
     sigma: f64,
     /// Range that the sensor can tell, in gauge kPa.
@@ -100,12 +106,14 @@ struct Channel<'a> {
 struct Equals {
     /// Readings at a limit.
     clipped: usize,
+    /// Most of these in a row, among the readings that are asked.
+    longest_clipped: Range<usize>,
     /// The limit, in kPa.
     limit_kpa: f64,
     /// Readings that repeat the one before, at no limit.
     stuck: usize,
-    /// Most of these in a row.
-    longest: usize,
+    /// Most of these in a row, among the readings that are asked.
+    longest_stuck: Range<usize>,
 }
 
 impl Channel<'_> {
@@ -132,12 +140,13 @@ impl Channel<'_> {
         // Dropouts to one level are no limit that a pressure stands at: what is wild is asked first, and of the others the rest.
         let mut left: Vec<usize> = (0..self.values.len()).collect();
         left.retain(|row| rows.binary_search(row).is_err());
-        let values: Vec<f64> = left.iter().filter_map(|row| self.values.get(*row)).copied().collect();
+        let of_left = |all: &[f64]| -> Vec<f64> { left.iter().filter_map(|row| all.get(*row)).copied().collect() };
+        let (values, time_s) = (of_left(self.values), of_left(self.time_s));
         // Noise within a single recording, for another recording's noise is no proof that this one has any.
         let scatters = scatters(&values);
         if scatters {
             let mut kept = vec![1.0; values.len()];
-            self.stuck(&values, &mut kept, &mut add);
+            self.stuck(&values, &time_s, &mut kept, &mut add);
             left.iter().zip(kept).for_each(|(row, kept)| mask[*row] = kept);
         }
         rows.iter().for_each(|row| mask[*row] = 0.0);
@@ -149,9 +158,9 @@ impl Channel<'_> {
         (moves && !scatters, rows)
     }
 
-    /// Masks runs of equal readings among `values`, which are those that are not wild, and tells clipped ones (at the channel's own
-    /// extreme) from stuck ones.
-    fn stuck(&self, values: &[f64], mask: &mut [f64], add: &mut impl FnMut(Severity, Trouble, String)) {
+    /// Masks runs of equal readings among `values`, which are those that are not wild, read at `time_s`, and tells clipped ones (at the
+    /// channel's own extreme) from stuck ones.
+    fn stuck(&self, values: &[f64], time_s: &[f64], mask: &mut [f64], add: &mut impl FnMut(Severity, Trouble, String)) {
         let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
         // The extreme of noise is read once or twice; where a share of all readings stands on it, it is a limit, also where
         // noise lets single readings off it.
@@ -184,49 +193,57 @@ impl Channel<'_> {
             let run = rows.len();
             let value = values.get(rows.start).copied().unwrap_or(0.0);
             if limits.contains(&Some(value)) || run >= STUCK_ROWS && !is_plateau(rows.clone()) {
-                if value == low || value == high {
+                let longest = if value == low || value == high {
                     found.clipped += run;
                     found.limit_kpa = value;
+                    &mut found.longest_clipped
                 } else {
                     found.stuck += run;
-                    found.longest = found.longest.max(run);
+                    &mut found.longest_stuck
+                };
+                if run > longest.len() {
+                    *longest = rows.clone();
                 }
                 mask.get_mut(rows.clone()).unwrap_or_default().fill(0.0);
             }
         }
-        self.tell(&found, values.len(), add);
+        self.tell(&found, time_s, add);
     }
 
-    /// Tells of readings that were left out, of so many.
-    fn tell(&self, found: &Equals, readings: usize, add: &mut impl FnMut(Severity, Trouble, String)) {
-        let Equals { clipped, limit_kpa, stuck, longest } = *found;
-        let share = |rows: usize| rows as f64 / readings as f64;
-        let severity = |rows: usize| severity_of(share(rows));
+    /// Tells of readings that were left out, among those that were asked, read at `time_s`.
+    fn tell(&self, found: &Equals, time_s: &[f64], add: &mut impl FnMut(Severity, Trouble, String)) {
+        let Equals { clipped, ref longest_clipped, limit_kpa, stuck, ref longest_stuck } = *found;
+        let share = |rows: usize| rows as f64 / time_s.len() as f64;
+        let what_is_done = |rows: usize, longest: &Range<usize>| {
+            consequence(share(rows), MOST_LEFT_OUT, time_s.get(longest.clone()).unwrap_or_default())
+        };
         if clipped > 0 {
             let whose = if self.is_at_range_end(limit_kpa) {
                 "the end of the sensor's range"
             } else {
                 "a limit (sensor, amplifier or converter)"
             };
+            let (severity, done) = what_is_done(clipped, longest_clipped);
             add(
-                severity(clipped),
+                severity,
                 Trouble::Clipped,
                 format!(
-                    "clipped: {clipped} readings ({}) stand at {limit_kpa:.2} kPa, {whose}; they are left out. Keep \
-                     the pressure within the sensor's range",
+                    "clipped: {clipped} readings ({}) stand at {limit_kpa:.2} kPa, {whose}; {done}. Keep the pressure within the \
+                     sensor's range",
                     percent(share(clipped), 1)
                 ),
             );
         }
         if stuck > 0 {
+            let (severity, done) = what_is_done(stuck, longest_stuck);
             add(
-                severity(stuck),
+                severity,
                 Trouble::Stuck,
                 format!(
-                    "stuck: {stuck} readings ({}) repeat the one before, for up to {:.1} s; they are left out. Look \
-                     for a logger that holds the last value",
+                    "stuck: {stuck} readings ({}) repeat the one before, for up to {:.1} s; {done}. Look for a logger that holds the \
+                     last value",
                     percent(share(stuck), 1),
-                    longest as f64 * self.sampling_s
+                    longest_stuck.len() as f64 * self.sampling_s
                 ),
             );
         }
@@ -286,11 +303,6 @@ pub(super) fn range_of(rig: &Rig, column: &str) -> Option<[f64; 2]> {
     Some([a.min(b), a.max(b)])
 }
 
-/// Severity of leaving out this share of a channel's readings.
-pub(super) fn severity_of(share: f64) -> Severity {
-    if share > 0.2 { Severity::Unusable } else { Severity::Doubtful }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -315,12 +327,36 @@ mod tests {
     }
 
     fn told_of(values: &[f64], step_kpa: f64, range: [f64; 2]) -> Vec<Trouble> {
+        found_in(values, step_kpa, range).into_iter().map(|(_, trouble, _)| trouble).collect()
+    }
+
+    fn found_in(values: &[f64], step_kpa: f64, range: [f64; 2]) -> Vec<(Severity, Trouble, String)> {
         // Noise of 0.014 kPa and the rounding's.
         let sigma = (0.014_f64.powi(2) + step_kpa.powi(2) / 12.0).sqrt();
-        let of = Channel { values, sigma, range: Some(range), sampling_s: 0.02, near_step: &[] };
-        let mut troubles = Vec::new();
-        of.check(&mut vec![1.0; values.len()], |_, trouble, _| troubles.push(trouble));
-        troubles
+        let time_s: Vec<f64> = (0..values.len()).map(|k| 0.02 * k as f64).collect();
+        let of = Channel { values, time_s: &time_s, sigma, range: Some(range), sampling_s: 0.02, near_step: &[] };
+        let mut found = Vec::new();
+        of.check(&mut vec![1.0; values.len()], |severity, trouble, text| found.push((severity, trouble, text)));
+        found
+    }
+
+    /// Where over a fifth of the readings stands still nothing can be fitted: that is said, with where and what can be done.
+    #[test]
+    fn what_cannot_be_fitted_says_so() {
+        let of = |values: &[f64], wanted: Trouble| {
+            let found = found_in(values, 0.01, [-100.0, 300.0]);
+            let (severity, _, text) = found.into_iter().find(|(_, trouble, _)| *trouble == wanted).unwrap();
+            (severity, text)
+        };
+        let (severity, text) = of(&readings(0.01, 100..160), Trouble::Stuck);
+        assert!(severity == Severity::Doubtful && text.contains("; left out. "), "{text}");
+        let told = "left out, and more than 20 % of all: nothing can be fitted to this recording; leave the file out";
+        let refused = |severity: Severity, text: &str| severity == Severity::Unusable && text.contains(told);
+        let (severity, text) = of(&readings(0.01, 100..900), Trouble::Stuck);
+        assert!(refused(severity, &text) && text.contains("the longest stretch: 2.0 to 18.0 s"), "{text}");
+        let cut: Vec<f64> = readings(0.01, 0..0).iter().map(|kpa| kpa.min(64.0)).collect();
+        let (severity, text) = of(&cut, Trouble::Clipped);
+        assert!(refused(severity, &text), "{text}");
     }
 
     /// A coarse converter gives one reading of a chamber at rest; a logger that holds one jumps from it, coarse or not.

@@ -8,6 +8,7 @@
 
 use std::ops::Range;
 
+use super::finding::consequence;
 use super::ranges::{MANY, MARGIN};
 use super::{Severity, Trouble, median};
 
@@ -23,6 +24,8 @@ const STEPS: f64 = 5.0;
 const APART: f64 = 5.0;
 /// Most wild readings that stand next to each other.
 pub(super) const MOST_TOGETHER: usize = 3;
+/// The most of a channel's readings, as a share, that are left out for being wild.
+const MOST_LEFT_OUT: f64 = 0.01;
 /// Share of its range within which a reading is nothing, or at an end of it.
 const NOTHING: f64 = 0.02;
 /// Most readings without power that spoil nothing behind them, as a share of all: a fifth.
@@ -151,15 +154,16 @@ pub(super) fn told(count: usize, of: usize, worst: f64, first: usize) -> (Severi
     } else {
         "Look for a loose contact or interference".to_owned()
     };
+    // A sensor without power spoils nothing behind it.
+    let among = if first > MOST_TOGETHER && first * LATE_PART <= of { count - first } else { count };
+    let (severity, done) = consequence(among as f64 / of.max(1) as f64, MOST_LEFT_OUT, &[]);
     let text = format!(
-        "{count} wild reading{}, up to {} kPa off the neighbours; left out. {reason}",
+        "{count} wild reading{}, up to {} kPa off the neighbours; {done}. {reason}",
         if count == 1 { "" } else { "s" },
         // A number that is no pressure at all has no digits behind the point worth reading.
         if worst < 1e6 { format!("{worst:.1}") } else { format!("{worst:.0e}") }
     );
-    // A sensor without power spoils nothing behind it.
-    let among = if first > MOST_TOGETHER && first * LATE_PART <= of { count - first } else { count };
-    (if among * 100 > of { Severity::Unusable } else { Severity::Doubtful }, Trouble::Spikes, text)
+    (severity, Trouble::Spikes, text)
 }
 
 /// Readings that no sensor of this range gives, where they are few: many are another unit, which other checks tell.

@@ -1,28 +1,31 @@
-//! LabVIEW channels with rates of their own: `X_Columns  Multi`, a column of times before each channel.
+//! Channels with rates of their own: a column of times before each, as LabVIEW writes with `X_Columns  Multi`, or as two loggers' columns that
+//! somebody put side by side.
 //!
 //! The times of the fastest channel become those of the rows. A sample of a slower one goes into the row that is nearest to it, and the
 //! other rows have blank cells there, as a logger writes a sensor that it reads less often: what that means for a command and for a reading
-//! is then decided as for any other file ([`super::slower`]).
+//! is then decided as for any other file ([`crate::recording::rows::slower`]).
 
 use std::borrow::Cow;
 
 use super::sheet::{Cells, Sheet, SheetColumn};
-use crate::recording::csv::numbers::parse;
+use crate::recording::csv::numbers::{parse, says_nothing};
 
-/// A column of times, and the places of the columns that belong to it: those behind it up to the next.
+/// A column of times, and the places of the columns that belong to it: those behind it up to the next, and those before the first.
 struct Channel {
     /// Line by line where there is one: its row in the file and its time (s).
     samples: Vec<(usize, f64)>,
     columns: std::ops::Range<usize>,
 }
 
-/// The sheet with the times of its fastest channel alone; `None` where a cell of a time is no number or times do not go forward, so that
-/// no row is nearest.
+/// The sheet with the times of its fastest channel alone, under the name of the first. `None` where a cell of a time is no number or
+/// times do not go forward, so that no row is nearest; where the fastest channel has fewer than two rows; and where a column holds numbers
+/// ([`Cells::Numbers`]) and no text.
 pub(crate) fn joined<'a>(sheet: &Sheet<'a>, times: &[usize]) -> Option<Sheet<'a>> {
     let ends = times.iter().copied().skip(1).chain([sheet.columns.len()]);
     let channels: Option<Vec<Channel>> =
         times.iter().zip(ends).map(|(at, end)| Channel::of(sheet, *at, at + 1..end)).collect();
     let channels = channels?;
+    let first = sheet.columns.get(*times.first()?)?;
     // Of several that are as fast the first.
     let fastest = channels.iter().enumerate().max_by_key(|(at, of)| (of.samples.len(), std::cmp::Reverse(*at)))?.0;
     let rows = &channels.get(fastest)?.samples;
@@ -31,26 +34,24 @@ pub(crate) fn joined<'a>(sheet: &Sheet<'a>, times: &[usize]) -> Option<Sheet<'a>
     }
     let mut joined = Sheet { columns: Vec::new(), ..sheet.clone() };
     joined.lines = rows.iter().filter_map(|(row, _)| sheet.lines.get(*row)).copied().collect();
+    for column in sheet.columns.get(..*times.first()?).unwrap_or_default() {
+        joined.columns.push(channels.first()?.brought(column, rows)?);
+    }
     for (channel, at) in channels.iter().zip(times) {
         if *at == *times.get(fastest)? {
-            let column = sheet.columns.get(*at)?;
             let cells = Cells::Numbers(rows.iter().map(|(_, time_s)| *time_s).collect());
-            joined.columns.push(SheetColumn { cells, ..column.clone() });
+            joined.columns.push(SheetColumn { cells, ..first.clone() });
         }
         for column in sheet.columns.get(channel.columns.clone()).unwrap_or_default() {
-            let Cells::Text(texts) = &column.cells else { return None };
-            let mut brought = vec![Cow::Borrowed(""); rows.len()];
-            for (row, time_s) in &channel.samples {
-                if let Some(slot) = nearest(rows, *time_s).and_then(|at| brought.get_mut(at)) {
-                    slot.clone_from(texts.get(*row)?);
-                }
-            }
-            joined.columns.push(SheetColumn { cells: Cells::Text(brought), ..column.clone() });
+            joined.columns.push(channel.brought(column, rows)?);
         }
     }
     let rates = channels.iter().filter(|channel| channel.samples.len() < rows.len()).count();
+    let titles: Vec<&str> = times.iter().filter_map(|at| sheet.columns.get(*at)).map(|of| of.title.as_str()).collect();
+    let differ = titles.windows(2).any(|pair| pair[0] != pair[1]);
+    let named = if differ { format!(" ({})", titles.join(", ")) } else { String::new() };
     joined.manner.push(format!(
-        "{} columns of times, {rates} of them slower, whose samples go to the nearest row of the fastest",
+        "{} columns of times{named}, {rates} of them slower, whose samples go to the nearest row of the fastest",
         times.len()
     ));
     Some(joined)
@@ -59,12 +60,24 @@ pub(crate) fn joined<'a>(sheet: &Sheet<'a>, times: &[usize]) -> Option<Sheet<'a>
 impl Channel {
     fn of(sheet: &Sheet<'_>, at: usize, columns: std::ops::Range<usize>) -> Option<Self> {
         let Cells::Text(texts) = &sheet.columns.get(at)?.cells else { return None };
-        let filled = texts.iter().enumerate().filter(|(_, text)| !text.is_empty());
+        let filled = texts.iter().enumerate().filter(|(_, text)| !says_nothing(text));
         let samples: Option<Vec<(usize, f64)>> = filled
             .map(|(row, text)| Some((row, parse(text, sheet.decimal).filter(|time_s| time_s.is_finite())?)))
             .collect();
         let samples = samples.filter(|samples| samples.windows(2).all(|pair| pair[1].1 > pair[0].1))?;
         Some(Channel { samples, columns })
+    }
+
+    /// A column of this channel, each of its samples in the row of these that is nearest to it.
+    fn brought<'a>(&self, column: &SheetColumn<'a>, rows: &[(usize, f64)]) -> Option<SheetColumn<'a>> {
+        let Cells::Text(texts) = &column.cells else { return None };
+        let mut brought = vec![Cow::Borrowed(""); rows.len()];
+        for (row, time_s) in &self.samples {
+            if let Some(slot) = nearest(rows, *time_s).and_then(|at| brought.get_mut(at)) {
+                slot.clone_from(texts.get(*row)?);
+            }
+        }
+        Some(SheetColumn { cells: Cells::Text(brought), ..column.clone() })
     }
 }
 
