@@ -46,7 +46,7 @@ impl Recording {
         let named_mcap = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("mcap"));
         let bytes = packed::unpacked(&file, &bytes)?;
         if bytes.starts_with(mcap::MAGIC) || named_mcap {
-            return Recording::parse_mcap(&file, &bytes, Broken::Missing)?.as_samples(rig);
+            return Recording::parse_mcap(&file, &bytes, Broken::Missing)?.into_samples(rig);
         }
         Self::parse_for(&file, &bytes, rig)
     }
@@ -68,7 +68,7 @@ impl Recording {
     }
 
     /// The same with lost rows bridged and held readings taken once, as samples of other programs are.
-    fn as_samples(self, rig: &Rig) -> Result<Self, RecordingError> {
+    fn into_samples(self, rig: &Rig) -> Result<Self, RecordingError> {
         let kinds = asked(rig);
         let kind_of = |name: &str| kinds.iter().find(|one| one.name == name).map_or(Kind::Switch, |one| one.kind);
         let mut time_s = self.time_s().to_vec();
