@@ -33,7 +33,7 @@ impl ShownReference {
     pub fn of(rig: &Rig) -> Self {
         let mut used = 0;
         let sensors = DualPressurePorts::READING.map(|column| {
-            let (name, _) = rig.sensors.iter().find(|(_, sensor)| sensor.column == column)?;
+            let (name, _) = rig.sensor_of(column)?;
             let mechanisms = rig.mechanisms.iter().filter(|m| m.enabled && m.component == *name);
             let part_s = 1.0 / (TICKS_PER_S * f64::from(PARTS));
             let sensor = SensorPath::with(0, mechanisms.map(|m| &m.mechanism), part_s, &mut used);

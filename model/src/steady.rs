@@ -384,7 +384,7 @@ impl SteadyMap {
 /// Gain (a bare number) and bias (kPa) of the sensor that a column holds.
 fn calibration(rig: &Rig, column: &str) -> (f64, f64) {
     let mut calibration = (1.0, 0.0);
-    let Some((name, _)) = rig.sensors.iter().find(|(_, sensor)| sensor.column == column) else { return calibration };
+    let Some((name, _)) = rig.sensor_of(column) else { return calibration };
     for mechanism in rig.mechanisms.iter().filter(|m| m.enabled && m.component == *name).map(|m| &m.mechanism) {
         match mechanism {
             Mechanism::SensorGain(m) => calibration.0 = m.gain,

@@ -2,7 +2,6 @@
 
 use model::predict::DualPressurePorts;
 use model::rig::Rig;
-use proto::emulator::sensor_of;
 
 use super::Safety;
 
@@ -89,7 +88,7 @@ impl Side {
 /// The first limit that its sensor never shows.
 pub fn limits_within_ranges(safety: Safety, rig: &Rig, rig_file: &str) -> Result<(), LimitBeyondSensor> {
     for (column, side) in DualPressurePorts::READING.into_iter().zip(Side::OF_READINGS) {
-        let Some((name, sensor)) = sensor_of(rig, column) else { continue };
+        let Some((name, sensor)) = rig.sensor_of(column) else { continue };
         let (limit_kpa, end_kpa) = (side.limit_kpa(safety), side.end_kpa(sensor.range_kpa_gauge));
         if side.is_out_of_reach(limit_kpa, end_kpa) {
             return Err(LimitBeyondSensor {

@@ -34,7 +34,7 @@ impl Sensing {
     pub fn of(rig: &Rig) -> Result<Self, RigError> {
         let mut scales = [(0.0, 0.0); CHANNELS];
         for (scale, column) in scales.iter_mut().zip(DualPressurePorts::READING) {
-            let sensor = rig.sensors.values().find(|s| s.column == column);
+            let sensor = rig.sensor_of(column).map(|(_, sensor)| sensor);
             *scale =
                 sensor.map(scale_of).ok_or_else(|| RigError::at("sensors", format!("no sensor writes `{column}`")))?;
         }

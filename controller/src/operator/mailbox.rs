@@ -120,7 +120,7 @@ pub enum Fate {
 struct Order {
     request: Request,
     ticket: u64,
-    /// What had stopped the rig when it was asked for.
+    /// Stops that had come when it was asked for.
     since: Stops,
     /// Daemon's monotonic clock (ns) after which it no longer counts.
     expires_ns: u64,

@@ -35,6 +35,11 @@ impl Rig {
     /// Names of the rigs that need no file.
     pub const BUILTIN: [&'static str; 2] = ["dual_pressure", "bench"];
 
+    /// Sensor that fills a column of recordings, with its name.
+    pub fn sensor_of(&self, column: &str) -> Option<(&str, &Sensor)> {
+        self.sensors.iter().find(|(_, sensor)| sensor.column == column).map(|(name, sensor)| (name.as_str(), sensor))
+    }
+
     /// The text of a built-in rig.
     pub fn builtin_text(name: &str) -> Option<&'static str> {
         match name {

@@ -191,7 +191,7 @@ fn duty_for_inverts_rate() {
 #[test]
 fn a_rig_rests_where_its_simulation_does() {
     let mut rig = Rig::builtin("bench").unwrap();
-    let name = rig.sensors.iter().find(|(_, s)| s.column == DualPressurePorts::READING[0]).unwrap().0.clone();
+    let name = rig.sensor_of(DualPressurePorts::READING[0]).unwrap().0.to_owned();
     rig.mechanisms.retain(|m| m.component != name);
     let bias = crate::mechanism::SensorBias { bias_kpa: 2.0 };
     rig.mechanisms.push(crate::rig::MechanismInstance {

@@ -63,7 +63,7 @@ mod watch;
 pub use crio::{Actuation, Crio, CrioConfig, Rejection};
 pub use faults::{FaultScript, FaultScriptError};
 pub use pace::Pace;
-pub use rig::{EmulatedPlant, WIRE_V, check_tick, load_for_loop, rig_and_crio, sensor_of};
+pub use rig::{EmulatedPlant, WIRE_V, check_tick, load_for_loop, rig_and_crio};
 pub use sensors::{PSE540A_R06, PSE541A_R06, SensorFault, SensorScale, Sensors};
 pub use server::{Emulator, EmulatorConfig, EmulatorError, EmulatorHandle};
 pub use watch::{Event, GroundTruth, Statistics, TruthObserver, Watched, channel_watcher};

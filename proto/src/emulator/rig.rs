@@ -59,18 +59,13 @@ pub fn rig_and_crio(rig: &Rig) -> Result<(DualPressureRig, CrioConfig), RigError
     check_tick(rig)?;
     let mut crio = CrioConfig::default();
     for (scale, column) in crio.scales.iter_mut().zip(DualPressurePorts::READING) {
-        if let Some((_, sensor)) = sensor_of(rig, column) {
+        if let Some((_, sensor)) = rig.sensor_of(column) {
             *scale = scale_of(sensor);
         }
     }
     let inputs = Plant::<f64>::new(rig)?;
     crio.pump_relay = inputs.inputs().iter().any(|input| input.column == DualPressurePorts::PUMP_ON);
     Ok((behind, crio))
-}
-
-/// Sensor that fills a column of recordings, with its name in the rig file.
-pub fn sensor_of<'r>(rig: &'r Rig, column: &str) -> Option<(&'r str, &'r Sensor)> {
-    rig.sensors.iter().find(|(_, sensor)| sensor.column == column).map(|(name, sensor)| (name.as_str(), sensor))
 }
 
 /// Refuses a rig that a loop cannot be closed over: its tick is not that of the control, the wire's 20 ms, so that it would
@@ -99,7 +94,7 @@ fn check_volts(rig: &Rig) -> Result<(), RigError> {
     let [least_v, most_v] = WIRE_V;
     let far_ends: [fn(f64, f64) -> f64; 2] = [f64::max, f64::min];
     for (column, far) in DualPressurePorts::READING.into_iter().zip(far_ends) {
-        let Some((name, sensor)) = sensor_of(rig, column) else { continue };
+        let Some((name, sensor)) = rig.sensor_of(column) else { continue };
         let ([low_kpa, high_kpa], [low_v, high_v]) = (sensor.range_kpa_gauge, sensor.range_v);
         let volts = |kpa: f64| low_v + (kpa - low_kpa) / (high_kpa - low_kpa) * (high_v - low_v);
         // A straight line is inside where both its ends are.

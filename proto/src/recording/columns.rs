@@ -328,7 +328,7 @@ fn of_reading(rig: &Rig, (name, title): (&str, &str), value: f64, made: &Made) -
     if NO_READING.contains(&value) {
         return "; it seems to be what the logger writes for no reading: leave out rows without a reading".to_owned();
     }
-    let Some(sensor) = rig.sensors.values().find(|sensor| sensor.column == name) else {
+    let Some((_, sensor)) = rig.sensor_of(name) else {
         return below_vacuum(value).to_owned();
     };
     let [one, other] = sensor.range_kpa_gauge;

@@ -141,7 +141,7 @@ fn channels(bench: &Bench<'_>) -> Vec<(usize, String)> {
         .iter()
         .enumerate()
         .filter_map(|(c, column)| {
-            let sensor = bench.rig.sensors.values().find(|s| s.column == *column)?;
+            let (_, sensor) = bench.rig.sensor_of(column)?;
             Some((c, sensor.volume.clone()))
         })
         .collect()

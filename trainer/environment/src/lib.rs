@@ -68,7 +68,7 @@ impl EnvironmentError {
 /// If a sensor is missing.
 pub fn sensor_scales(rig: &Rig) -> Result<[SensorScale; 2], EnvironmentError> {
     let scale = |column: &str| {
-        let sensor = rig.sensors.values().find(|s| s.column == column).ok_or_else(|| EnvironmentError::Rig {
+        let (_, sensor) = rig.sensor_of(column).ok_or_else(|| EnvironmentError::Rig {
             name: rig.name.clone(),
             error: RigError::at("sensors", format!("no sensor uses column `{column}`; this controller needs it")),
         })?;

@@ -172,9 +172,7 @@ fn component(rig: &Rig, name: &str) -> String {
         Some((0, c)) if !exists => {
             rig.valves.iter().find(|(_, v)| v.command == DualPressurePorts::DUTY[c]).map(|(n, _)| n)
         }
-        Some((_, c)) if !exists => {
-            rig.sensors.values().find(|s| s.column == DualPressurePorts::READING[c]).map(|s| &s.volume)
-        }
+        Some((_, c)) if !exists => rig.sensor_of(DualPressurePorts::READING[c]).map(|(_, s)| &s.volume),
         _ => None,
     };
     found.cloned().unwrap_or_else(|| name.to_owned())

@@ -5,7 +5,7 @@ use proto::recording::WriteMcapError;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
 
-/// What a tape in memory was given, one word each.
+/// Calls that a tape in memory was given, one word each.
 type Log = Arc<Mutex<Vec<String>>>;
 
 /// A tape in memory that can be slow or fail.

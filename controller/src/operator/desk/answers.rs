@@ -53,15 +53,14 @@ impl Desk {
 
     pub(super) fn refresh(&mut self) {
         if let Some(shown) = self.options.mailbox.status() {
-            self.newest = Some((shown.status, shown.at_ns));
-            self.shown_through = Some(shown.through);
+            self.newest = Some(shown);
         }
     }
 
     /// Age of the newest data; `None` where none has come yet.
     fn age(&self) -> Option<Duration> {
-        let came = self.newest.filter(|(_, at_ns)| *at_ns > 0);
-        came.map(|(_, at_ns)| Duration::from_nanos(now_ns().saturating_sub(at_ns)))
+        let came = self.newest.filter(|shown| shown.at_ns > 0);
+        came.map(|shown| Duration::from_nanos(now_ns().saturating_sub(shown.at_ns)))
     }
 
     /// Age of the newest data in ms, as it is told.
@@ -72,7 +71,7 @@ impl Desk {
     /// The newest status, if it still tells what is.
     pub(super) fn live_status(&self) -> Option<Status> {
         let fresh = self.age().is_some_and(|age| age <= self.options.stale);
-        self.newest.filter(|_| fresh).map(|(status, _)| status)
+        self.newest.filter(|_| fresh).map(|shown| shown.status)
     }
 
     pub(super) fn no_session(&self) -> String {
@@ -97,9 +96,9 @@ impl Desk {
             error: outcome.err().map(|why| one_line(&why)),
             state: live.map_or(State::Connect, |s| s.state),
             // Without a session the last readings are history: nothing is followed, nothing can be armed.
-            status: live
-                .map(|s| Status { can_arm: s.can_arm && may_arm && s.experiment.is_none(), ..s })
-                .or(self.newest.map(|(s, _)| Status { can_arm: false, reference_kpa: None, reported_duty: None, ..s })),
+            status: live.map(|s| Status { can_arm: s.can_arm && may_arm && s.experiment.is_none(), ..s }).or(self
+                .newest
+                .map(|shown| Status { can_arm: false, reference_kpa: None, reported_duty: None, ..shown.status })),
             age_ms: self.age_ms(),
             running,
             done: None,

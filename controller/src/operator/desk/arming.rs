@@ -19,7 +19,7 @@ const NOT_SHOWN: &str = "a tick took it; `controller status` tells what waits";
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Acknowledging {
     pub(super) ticket: Ticket,
-    /// What waited when it was asked for.
+    /// Conditions that waited when it was asked for.
     before: LatchedConditions,
     progress: Progress,
 }
@@ -79,7 +79,7 @@ impl Desk {
     fn arming(&mut self, ticket: Ticket, asked: Asked) -> Option<Result<(), String>> {
         let late = asked.is_late();
         let fate = self.options.mailbox.fate(ticket);
-        let since = self.newest.filter(|(_, at_ns)| *at_ns > asked.at_ns).map(|(status, _)| status);
+        let since = self.newest.filter(|shown| shown.at_ns > asked.at_ns).map(|shown| shown.status);
         let runs = since.is_some_and(|status| status.state.is_controlling());
         let vented = since.filter(|status| status.state.is_vented());
         if let (Fate::Taken, Some(status)) = (fate, vented) {
@@ -123,7 +123,7 @@ impl Desk {
 
     fn start_acknowledging(&self, asked: Asked) -> Result<Acknowledging, String> {
         // Also without a session: a trip of the cRIO that waits for a person bars the next one.
-        let before = self.newest.map_or(LatchedConditions::NONE, |(status, _)| status.waiting);
+        let before = self.newest.map_or(LatchedConditions::NONE, |shown| shown.status.waiting);
         if before.is_empty() {
             return Err("nothing waits to be acknowledged".to_owned());
         }
@@ -147,9 +147,8 @@ impl Desk {
             };
             return self.over("acknowledge", asked.peer, Err(why));
         }
-        let is_shown = self.shown_through.is_some_and(|through| through >= ticket);
-        match self.newest.filter(|_| is_shown) {
-            Some((status, _)) => self.over_acknowledging(acknowledged(before, status.waiting), asked.peer),
+        match self.newest.filter(|shown| shown.through >= ticket) {
+            Some(shown) => self.over_acknowledging(acknowledged(before, shown.status.waiting), asked.peer),
             None if !late => asked.pending(What::Acknowledge(acknowledging)),
             None => self.over_acknowledging(Ok(NOT_SHOWN.to_owned()), asked.peer),
         }

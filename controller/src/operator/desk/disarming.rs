@@ -89,7 +89,7 @@ impl Desk {
         let late = asked.is_late();
         let Some(live) = self.live_status().filter(|status| status.session != 0) else {
             // A session that was last shown may go on: this machine may only have stood still.
-            let may_go_on = self.newest.is_some_and(|(status, _)| status.session != 0);
+            let may_go_on = self.newest.is_some_and(|shown| shown.status.session != 0);
             return if may_go_on && !late {
                 asked.pending(What::Disarm(disarming))
             } else {
@@ -101,7 +101,7 @@ impl Desk {
             Disarming::Ordered if !self.options.mailbox.disarm_waits() => Disarming::Taken { at_ns: now_ns() },
             other => other,
         };
-        let shown_ns = self.newest.map_or(0, |(_, at_ns)| at_ns);
+        let shown_ns = self.newest.map_or(0, |shown| shown.at_ns);
         let is_since = disarming != Disarming::Ordered && shown_ns > asked.at_ns;
         if let Some(venting) = venting(disarming, &live).filter(|_| is_since) {
             return self.disarmed(venting, asked.peer);

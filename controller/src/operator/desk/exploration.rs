@@ -75,8 +75,8 @@ impl Desk {
     fn exploring(&self, Switching { ticket, wanted }: Switching, asked: Asked) -> Option<Result<String, String>> {
         let late = asked.is_late();
         let fate = self.options.mailbox.fate(ticket);
-        let shown = self.newest.filter(|(_, at_ns)| *at_ns > asked.at_ns);
-        let outcome = shown.and_then(|(status, _)| outcome(wanted, &status));
+        let shown = self.newest.filter(|shown| shown.at_ns > asked.at_ns);
+        let outcome = shown.and_then(|shown| outcome(wanted, &shown.status));
         match (fate, outcome) {
             (Fate::Taken, Some(outcome)) => Some(outcome),
             (Fate::Waiting | Fate::Taken, _) if !late => None,

@@ -51,7 +51,7 @@ impl Desk {
 
     fn daemon_state(&self) -> DaemonState {
         let code = |condition: Option<Condition>| condition.map_or(0, Condition::code);
-        let (live, newest) = (self.live_status(), self.newest.map(|(status, _)| status).unwrap_or_default());
+        let (live, newest) = (self.live_status(), self.newest.map(|shown| shown.status).unwrap_or_default());
         let state = live.map_or(State::Connect, |status| status.state);
         let running = self.running();
         DaemonState {

@@ -28,7 +28,7 @@ use proto::reference::Reference;
 use crate::config::{ReferenceChoice, Safety};
 use crate::experiment::experiment_log::ExperimentLog;
 use crate::machine::clock::now_ns;
-use crate::operator::mailbox::{NotAsked, OperatorMailbox, Request, Status, Stops, Ticket};
+use crate::operator::mailbox::{NotAsked, OperatorMailbox, Request, Shown, Stops, Ticket};
 use crate::operator::operator_protocol::{Ask, EFFECT_TIME, Reply};
 use crate::operator::peer::Peer;
 use crate::operator::running::Running;
@@ -102,9 +102,7 @@ pub struct DeskOptions {
 pub struct Desk {
     options: DeskOptions,
     experiments: Option<ExperimentDesk>,
-    newest: Option<(Status, u64)>,
-    /// The last request that the tick had taken or passed over when it showed the newest.
-    shown_through: Option<Ticket>,
+    newest: Option<Shown>,
     /// When live viewers were last told the state.
     viewers_told: Option<Instant>,
     /// Cause of the last disarming.
@@ -191,7 +189,6 @@ impl Desk {
             options,
             experiments,
             newest: None,
-            shown_through: None,
             viewers_told: None,
             disarmed_by: None,
             reading: false,

@@ -1,7 +1,7 @@
 //! Reach of a reference as it is told: worked out on a thread of its own, so that whoever disarms waits behind nobody.
 //!
-//! What was asked for is carried out first. Its answer waits for what the model in force says of the reference, for a bounded time;
-//! what comes to be known later is recorded.
+//! A request is carried out first. Its answer waits for what the model in force says of the reference, for a bounded time; what comes
+//! to be known later is recorded.
 
 use std::sync::{Arc, Weak};
 
@@ -25,7 +25,7 @@ pub(super) struct Remarking {
     remarks: Vec<String>,
 }
 
-/// What was carried out.
+/// Order that was carried out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Carried {
     /// An order to arm.

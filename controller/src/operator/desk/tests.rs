@@ -8,7 +8,7 @@ use proto::recording::RecordingInfo;
 use super::reach::Carried;
 use super::*;
 use crate::operator::latched_conditions::LatchedConditions;
-use crate::operator::mailbox::{TickMailbox, mailbox};
+use crate::operator::mailbox::{Status, TickMailbox, mailbox};
 use crate::operator::operator_protocol::ECHO_TIME;
 use crate::state::{Condition, State};
 

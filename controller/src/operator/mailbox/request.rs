@@ -5,7 +5,7 @@ use proto::reference::Reference;
 
 use crate::experiment::open_loop_playback::OpenLoopPlayback;
 
-/// What the operator wants.
+/// Order of an operator to the tick.
 #[derive(Debug)]
 pub enum Request {
     /// Control the pressures.

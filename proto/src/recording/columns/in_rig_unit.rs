@@ -59,7 +59,7 @@ pub(crate) fn converted(
 ) -> Result<InRigUnit, RecordingError> {
     let as_they_stand = |numbers, taken| Ok(InRigUnit { numbers, line: AS_IT_STANDS, taken });
     let Some((unit, text)) = unit else { return as_they_stand(numbers, None) };
-    let sensor = rig.sensors.values().find(|sensor| sensor.column == name);
+    let sensor = rig.sensor_of(name).map(|(_, sensor)| sensor);
     let line = match (kind, unit, sensor) {
         (Kind::Reading, Unit::Gauge(kpa), _) => [*kpa, 0.0],
         (Kind::Reading, Unit::Absolute(kpa), _) => [*kpa, -rig.atmosphere.pressure_kpa_abs],

@@ -116,14 +116,24 @@ fn seconds_of(texts: &[&str], hours: WholeHours) -> Result<Vec<f64>, usize> {
         (Err(row), Err(_)) => return Err(row),
     };
     let first = texts.first().map(|text| parts(text));
-    let dated = first.as_ref().is_some_and(|first| first.date.is_some() || first.days.is_some());
+    let is_dated = first.as_ref().is_some_and(|first| first.date.is_some() || first.days.is_some());
+    let written = if is_dated { Written::Dated } else { Written::TimeOfDay };
     let zoned = first.is_some_and(|first| first.zone.is_some());
-    unwrap(&mut times, dated, if zoned { WholeHours::AsWritten } else { hours });
+    unwrap(&mut times, written, if zoned { WholeHours::AsWritten } else { hours });
     Ok(times)
 }
 
+/// Manner in which a column writes its times.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Written {
+    /// The time of day alone, which begins anew at midnight.
+    TimeOfDay,
+    /// A date beside it, or a count of days.
+    Dated,
+}
+
 /// Takes midnight out of times of day, and the change to and from summer time out of times without a zone.
-fn unwrap(times: &mut [f64], dated: bool, hours: WholeHours) {
+fn unwrap(times: &mut [f64], written: Written, hours: WholeHours) {
     let may_be_set = hours == WholeHours::OfSummerTime;
     let (mut shift_s, mut longest_s) = (0.0, 0.0_f64);
     let mut previous: Option<f64> = None;
@@ -131,7 +141,10 @@ fn unwrap(times: &mut [f64], dated: bool, hours: WholeHours) {
         let mut step_s = previous.map_or(0.0, |previous| *time - previous);
         previous = Some(*time);
         // Beside a time of day a date may stand still: the day on which a file was begun.
-        let is_midnight = if dated { (0.0..STILL_DATE_S).contains(&(step_s + DAY_S)) } else { step_s < -0.5 * DAY_S };
+        let is_midnight = match written {
+            Written::Dated => (0.0..STILL_DATE_S).contains(&(step_s + DAY_S)),
+            Written::TimeOfDay => step_s < -0.5 * DAY_S,
+        };
         if is_midnight {
             shift_s += DAY_S;
             step_s += DAY_S;

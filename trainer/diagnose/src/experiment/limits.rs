@@ -36,7 +36,7 @@ fn a_little_beyond([low, high]: [f64; 2]) -> [f64; 2] {
 
 /// Ranges in kPa gauge, lower end first, of all sensors of the chamber that a column is read in.
 fn ranges_of_chamber(rig: &Rig, column: &str) -> impl Iterator<Item = [f64; 2]> {
-    let volume = rig.sensors.values().find(|sensor| sensor.column == column).map(|sensor| sensor.volume.as_str());
+    let volume = rig.sensor_of(column).map(|(_, sensor)| sensor.volume.as_str());
     let of_it = rig.sensors.values().filter(move |sensor| Some(sensor.volume.as_str()) == volume);
     of_it.map(|sensor| {
         let [one, other] = sensor.range_kpa_gauge;

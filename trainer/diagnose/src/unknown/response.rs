@@ -75,7 +75,7 @@ pub(super) fn fit_response(bench: &Bench<'_>, base: &Explanation) -> Option<Unkn
 /// The frequency and damping at which what `base` simulates comes nearest to one reading.
 fn look(bench: &Bench<'_>, base: &Explanation, channel: usize) -> Option<Look> {
     let column = bench.records.sensors().get(channel)?;
-    let (sensor, _) = bench.rig.sensors.iter().find(|(_, sensor)| sensor.column == *column)?;
+    let (sensor, _) = bench.rig.sensor_of(column)?;
     let layout = bench.records.layout();
     let weights = bench.split.weights(layout, Role::Fit);
     // Runs of rows without a gap: what was simulated, what was read, what counts.
@@ -121,7 +121,7 @@ fn look(bench: &Bench<'_>, base: &Explanation, channel: usize) -> Option<Look> {
             let goes = (2.0 * share * along - share * share * size) / missing;
             if goes.is_finite() && best.as_ref().is_none_or(|best| goes > best.goes) {
                 let response = ResidualResponse { share, ..whole };
-                best = Some(Look { channel, sensor: sensor.clone(), response, goes });
+                best = Some(Look { channel, sensor: sensor.to_owned(), response, goes });
             }
         }
     }

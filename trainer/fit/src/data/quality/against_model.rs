@@ -204,7 +204,7 @@ fn standing<'a>(
 ) -> Option<Standing<'a>> {
     let &Medians { recorded, simulated, forgets } = medians.get(channel)?;
     let column = records.sensors().get(channel)?;
-    let sensor = rig.sensors.values().find(|sensor| sensor.column == *column);
+    let sensor = rig.sensor_of(column).map(|(_, sensor)| sensor);
     let file_unit = records.records().get(record).and_then(|record| record.file_unit(column));
     let [low, high] = *reached.get(channel)?;
     let range_kpa = sensor.map_or(WHOLE_RANGE_KPA, |s| (s.range_kpa_gauge[0] - s.range_kpa_gauge[1]).abs());

@@ -37,7 +37,7 @@ fn pressure_says(
     if let Some(says) = says.filter(|_| term.is_plain()) {
         return Some(says);
     }
-    let sensor = rig.sensors.values().find(|sensor| sensor.column == column);
+    let sensor = rig.sensor_of(column).map(|(_, sensor)| sensor);
     let of = |x: f64| meaning.line(sensor, None, atmosphere_kpa).map(|[scale, offset]| scale * x + offset);
     // What is said of the numbers as they are written takes the place of what was said before.
     let unit = term.unit.clone().filter(|_| file_unit.is_none());

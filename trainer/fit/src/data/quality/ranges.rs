@@ -99,7 +99,7 @@ struct Under {
 impl<'a> Judged<'a> {
     /// `None` for a column without readings, or without a sensor in the rig file.
     fn of(rig: &'a Rig, channel: &'a Channel<'a>) -> Option<Self> {
-        let sensor = rig.sensors.values().find(|sensor| sensor.column == channel.column)?;
+        let (_, sensor) = rig.sensor_of(channel.column)?;
         let (column, values) = (channel.column, channel.values.as_slice());
         let file_unit = channel.file_unit;
         (!values.is_empty()).then(|| Judged { column, values, sensor, range: range_of(sensor), file_unit })
@@ -205,7 +205,7 @@ fn counts(of_counts: Counts<'_>, channel: &Judged<'_>) -> Option<(Trouble, Strin
 
 /// Words on what is wrong where the rig would go as far as the readings do.
 fn beyond(rig: &Rig, column: &str) -> String {
-    let name = rig.sensors.iter().find(|(_, sensor)| sensor.column == column).map_or("", |(name, _)| name.as_str());
+    let name = rig.sensor_of(column).map_or("", |(name, _)| name);
     format!("the rig would go there, too; state the range that the sensor has, [sensors.{name}] range_kpa_gauge")
 }
 

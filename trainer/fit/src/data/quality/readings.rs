@@ -298,7 +298,7 @@ fn scatters(values: &[f64]) -> bool {
 
 /// Lowest and highest pressure that the sensor of a column can tell, in gauge kPa.
 pub(super) fn range_of(rig: &Rig, column: &str) -> Option<[f64; 2]> {
-    let sensor = rig.sensors.values().find(|sensor| sensor.column == column)?;
+    let (_, sensor) = rig.sensor_of(column)?;
     let [a, b] = sensor.range_kpa_gauge;
     Some([a.min(b), a.max(b)])
 }

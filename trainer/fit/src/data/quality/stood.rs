@@ -77,7 +77,7 @@ pub(super) fn check(
 
 /// Largest pressure of a channel that is none, in kPa.
 fn margin(rig: &Rig, noise: &[Noise], channel: usize, column: &str) -> f64 {
-    let sensor = rig.sensors.values().find(|sensor| sensor.column == column);
+    let sensor = rig.sensor_of(column).map(|(_, sensor)| sensor);
     let range_kpa = sensor.map_or(f64::INFINITY, |s| (s.range_kpa_gauge[0] - s.range_kpa_gauge[1]).abs());
     let of_noise = NOISES * noise.get(channel).map_or(0.0, |n| n.sigma_kpa);
     AT_REST_KPA.min(AT_REST_SHARE * range_kpa).max(of_noise)

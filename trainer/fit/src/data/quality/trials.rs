@@ -72,7 +72,7 @@ impl Taken {
             Taken::SensorsMeant(channels, meaning) => {
                 for channel in channels {
                     let Some(column) = sensors.get(*channel) else { continue };
-                    let sensor = rig.sensors.values().find(|sensor| sensor.column == *column);
+                    let sensor = rig.sensor_of(column).map(|(_, sensor)| sensor);
                     let file_unit = record.file_unit(column);
                     let of = |p: f64| meaning.of(p, sensor, file_unit, rig.atmosphere.pressure_kpa_abs);
                     let values = readings_kpa.get_mut(place(*channel)).into_iter().flatten();
