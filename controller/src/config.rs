@@ -27,10 +27,10 @@ pub struct Config {
     /// The model behind MPObs.
     #[serde(default)]
     pub rig: RigChoice,
-    /// What flies.
+    /// Choice of what flies.
     #[serde(default)]
     pub policy: PolicyChoice,
-    /// Where to go.
+    /// Reference to follow.
     #[serde(default)]
     pub reference: ReferenceChoice,
     /// Recordings.
@@ -53,12 +53,12 @@ pub struct Config {
 pub struct Link {
     /// Host and port of the cRIO.
     pub address: String,
-    /// Whether deadlines hold.
+    /// Pacing: whether deadlines hold.
     #[serde(default)]
     pub pacing: Pacing,
 }
 
-/// How time passes.
+/// Passage of time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Pacing {
@@ -91,13 +91,13 @@ pub struct PolicyChoice {
     pub directory: PathBuf,
     /// Name of the policy that runs, or `fallback`.
     pub active: String,
-    /// Whether policies that are published into the folder are adopted by themselves.
+    /// Treatment of policies that are published into the folder.
     pub follow: Follow,
-    /// Whether a policy needs a signature beside it, `NAME.onnx.minisig`.
+    /// True where a policy needs a signature beside it, `NAME.onnx.minisig`.
     pub require_signature: bool,
     /// The public key (minisign, base64) that signatures are checked with.
     pub public_key: String,
-    /// What becomes of a policy that tracks clearly worse than the fallback on the model in force.
+    /// Treatment of a policy that tracks clearly worse than the fallback on the model in force.
     pub when_behind: WhenBehind,
     /// Standard deviation of exploration as a share of the outputs' range, for a policy that states none.
     pub exploration_std: f64,
@@ -112,7 +112,7 @@ impl PolicyChoice {
     }
 }
 
-/// What happens to a policy that is published into the folder.
+/// Treatment of a policy that is published into the folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Follow {
@@ -123,7 +123,7 @@ pub enum Follow {
     Newest,
 }
 
-/// What becomes of a policy that tracks clearly worse than the fallback on the model in force.
+/// Treatment of a policy that tracks clearly worse than the fallback on the model in force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum WhenBehind {
@@ -161,20 +161,20 @@ pub struct ReferenceChoice {
     /// CSV file `time_s,ref_pos_kpa,ref_neg_kpa`; absent means `reference.csv` where there is one, else the
     /// paper's reference.
     pub file: Option<PathBuf>,
-    /// Whether the reference begins again at its end; otherwise its last row is held.
+    /// True where the reference begins again at its end; otherwise its last row is held.
     pub repeat: bool,
-    /// Whether the fallback, and what corrects it, learns from each flight of the reference for the next one
+    /// True where the fallback, and what corrects it, learns from each flight of the reference for the next one
     /// ([`law::repetition`]).
     pub learn: bool,
 }
 
 impl ReferenceChoice {
-    /// What follows the reference's end.
+    /// Continuation at the reference's end.
     pub fn after_end(&self) -> AfterEnd {
         if self.repeat { AfterEnd::Repeat } else { AfterEnd::Hold }
     }
 
-    /// Whether flights of it are learned from.
+    /// Learning from flights of it.
     pub fn learning(&self) -> RepetitionLearning {
         if self.learn { RepetitionLearning::On } else { RepetitionLearning::Off }
     }
@@ -228,7 +228,7 @@ impl Default for Control {
 }
 
 impl Control {
-    /// Who arms.
+    /// Choice of who arms.
     pub fn arming(&self) -> Arming {
         if self.auto_arm { Arming::Automatic } else { Arming::Manual }
     }
@@ -258,7 +258,7 @@ pub struct Realtime {
     pub priority: u8,
     /// CPU that the tick is pinned to; absent means the last one where there are several.
     pub cpu: Option<usize>,
-    /// Whether the rig is only armed with FIFO priority and locked memory.
+    /// True where the rig is only armed with FIFO priority and locked memory.
     pub enforce: bool,
 }
 
@@ -268,7 +268,7 @@ impl Default for Realtime {
     }
 }
 
-/// What is wrong with a configuration, in one line.
+/// Faults of a configuration, in one line.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The file cannot be read.
@@ -276,7 +276,7 @@ pub enum ConfigError {
     Read {
         /// The file.
         file: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// TOML or a key is wrong.
@@ -286,7 +286,7 @@ pub enum ConfigError {
         file: PathBuf,
         /// Line from 1.
         line: usize,
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
     /// A value makes no sense.
@@ -296,7 +296,7 @@ pub enum ConfigError {
         file: PathBuf,
         /// Dotted key.
         key: &'static str,
-        /// What is wrong, and the mend.
+        /// Problem and mend.
         problem: String,
     },
 }

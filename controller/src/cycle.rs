@@ -18,7 +18,7 @@ pub mod sensing;
 
 mod construction;
 mod filtering;
-mod limits;
+pub(crate) mod limits;
 mod requests;
 mod telling;
 
@@ -35,6 +35,7 @@ use supervisor::{
 };
 
 use filtering::FilterWatch;
+use limits::check_trips;
 
 use crate::config::Safety;
 use crate::cycle::duty_source::{
@@ -59,9 +60,9 @@ pub struct Cycle<H = RunningSource> {
     memory: Memory,
     arming: Arming,
     request: Option<Request>,
-    /// What is wrong in this tick.
+    /// Conditions of this tick.
     conditions: ConditionSet,
-    /// What the caller has found since the last tick.
+    /// Conditions that the caller has found since the last tick.
     reported: ConditionSet,
     tick: u32,
     measured: Pair,
@@ -75,17 +76,17 @@ pub struct Cycle<H = RunningSource> {
 }
 
 impl<H: DutySource> Cycle<H> {
-    /// What is steered for.
+    /// Source of the duties.
     pub fn duty_source(&self) -> &H {
         &self.duty_source
     }
 
-    /// What is steered for, to be set before the run.
+    /// Source of the duties, to be set before the run.
     pub fn duty_source_mut(&mut self) -> &mut H {
         &mut self.duty_source
     }
 
-    /// Whether there is nothing more to run.
+    /// Tells whether there is nothing more to run.
     pub fn is_over(&self) -> bool {
         self.duty_source.is_over()
     }
@@ -100,7 +101,7 @@ impl<H: DutySource> Cycle<H> {
         &self.memory
     }
 
-    /// What was wrong in the newest tick.
+    /// Conditions of the newest tick.
     pub fn conditions(&self) -> &ConditionSet {
         &self.conditions
     }
@@ -115,7 +116,7 @@ impl<H: DutySource> Cycle<H> {
         self.tick
     }
 
-    /// Whether the rig can be armed now.
+    /// Tells whether the rig can be armed now.
     pub fn can_arm(&self) -> bool {
         self.memory.can_arm(&self.conditions)
     }
@@ -125,7 +126,7 @@ impl<H: DutySource> Cycle<H> {
         Memory::bars_arming(&self.conditions).filter(|_| self.memory.state == State::Standby)
     }
 
-    /// Whether a session may be opened: not while a trip of the cRIO waits for a person.
+    /// Tells whether a session may be opened: not while a trip of the cRIO waits for a person.
     pub fn may_open_session(&self) -> bool {
         self.memory.may_open_session()
     }
@@ -174,11 +175,12 @@ impl<H: DutySource> Cycle<H> {
         [record.echo_pos, record.echo_neg] = sense.duty;
         record.crio_state = sense.state.code();
         record.crio_trip = sense.trips.bits();
-        self.conditions = std::mem::take(&mut self.reported);
-        let readings_kpa = self.read(sense);
-        self.check_trips(sense);
+        let mut found = std::mem::take(&mut self.reported);
+        let readings_kpa = self.read(sense, &mut found);
+        check_trips(sense, &mut found);
         let phase = if self.state().is_controlling() { Phase::Controlled } else { Phase::Vented };
-        let believed = self.monitor.observe(&Frame { sense, readings_kpa, phase }, &mut self.conditions);
+        let believed = self.monitor.observe(&Frame { sense, readings_kpa, phase }, &mut found);
+        self.conditions = found;
         if let [Some(positive), Some(negative)] = believed {
             self.measured = [positive, negative];
         }
@@ -287,6 +289,14 @@ impl<H: DutySource> Cycle<H> {
         self.duty_source.session_over();
     }
 
+    /// Ends the run, by the state function as every transition: both vents are to be open, and no further tick comes.
+    pub fn stop(&mut self, tell: NoticeSink<'_>) {
+        self.ask(Request::Stop);
+        self.conditions = std::mem::take(&mut self.reported);
+        self.answer = ActuatorCommand::VENT;
+        self.advance_state(Tick::Waiting, tell);
+    }
+
     /// The command that was decided went out under this sequence number.
     ///
     /// # Real-time
@@ -311,7 +321,7 @@ impl<H: DutySource> Cycle<H> {
         self.monitor.advance(self.answer.duty, self.answer.pump_on);
     }
 
-    /// Whether the cRIO has tripped and a new HELLO may end that now.
+    /// Tells whether the cRIO has tripped and a new HELLO may end that now.
     pub fn renew_session(&self) -> bool {
         self.renew_session
     }

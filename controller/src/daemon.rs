@@ -11,7 +11,7 @@ use policy::{Policy, PolicySignature};
 use proto::recording::Attachment;
 use proto::reference::Reference;
 
-use crate::config::sensor_limits::{LimitBeyondSensor, limits_within_ranges};
+use crate::config::sensor_limits::{ModelRigError, load_within_limits};
 use crate::config::{Config, DEFAULT_POLICY, FALLBACK, ReferenceChoice};
 use crate::cycle::Cycle;
 use crate::operator::notice::sentence;
@@ -25,23 +25,20 @@ use crate::session::session_recorder::{SessionError, SessionRecorder, StartPolic
 
 pub use crate::session::session_recorder::PROGRAM;
 
-/// Why the daemon cannot start or did not end well.
+/// Reason why the daemon cannot start or did not end well.
 #[derive(Debug, thiserror::Error)]
 pub enum DaemonError {
-    /// The rig cannot be read.
+    /// The rig cannot be read, or its sensors do not show the configuration's limits.
     #[error(transparent)]
-    Rig(#[from] proto::rig_file::RigFileError),
+    Rig(#[from] ModelRigError),
     /// The rig cannot be flown.
     #[error("rig {name}: {problem}")]
     Unflyable {
         /// The rig.
         name: String,
-        /// Why.
+        /// Reason.
         problem: model::rig::RigError,
     },
-    /// A limit of the configuration lies beyond what the rig's sensor shows.
-    #[error(transparent)]
-    Limits(#[from] LimitBeyondSensor),
     /// The reference cannot be read.
     #[error(transparent)]
     Reference(#[from] proto::reference::ReferenceError),
@@ -64,7 +61,7 @@ pub enum DaemonError {
     ReferenceBeyond {
         /// The reference.
         name: String,
-        /// Where, which limit or key, and the fix.
+        /// Place, limit or key, and the fix.
         why: String,
     },
     /// The flight cannot start or was not recorded well.
@@ -72,25 +69,25 @@ pub enum DaemonError {
     SessionRecorder(#[from] SessionError),
 }
 
-/// What is flown, read and checked.
+/// Things that are flown, read and checked.
 pub struct Loaded {
     /// The model's rig.
     pub rig: Rig,
-    /// Its text, for the recording.
+    /// Text of the rig file, for the recording.
     pub rig_text: String,
     /// The reference.
     pub reference: Reference,
-    /// What it is called.
+    /// Name of the reference.
     pub reference_name: String,
     /// The policy, if one flies.
     pub policy: Option<Policy>,
     /// The policy's file, for the recording.
     pub policy_bytes: Option<Vec<u8>>,
-    /// What a person should know about these choices.
+    /// Remarks on these choices, for people.
     pub remarks: Vec<String>,
 }
 
-/// What the paper's reference is called in recordings.
+/// Name of the paper's reference in recordings.
 pub const PAPERS_REFERENCE: &str = "the paper's";
 
 /// The contracts that policies may meet.
@@ -104,8 +101,7 @@ pub fn contracts() -> [PolicySignature; 2] {
 /// The first thing that is wrong.
 pub fn load(config: &Config) -> Result<Loaded, DaemonError> {
     let mut remarks = Vec::new();
-    let rig = proto::emulator::load_for_loop(&config.rig.file, None)?;
-    limits_within_ranges(config.safety, &rig, &config.rig.file)?;
+    let rig = load_within_limits(&config.rig.file, None, config.safety)?;
     let (reference, reference_name) = configured_reference(&config.reference)?;
     if config.reference.file.is_none() {
         remarks.push("no reference file: following the paper's reference (set reference.file for another)".to_owned());
@@ -193,15 +189,15 @@ fn load_policy(
     Err(DaemonError::NoPolicy { file, known: known.join(", ") })
 }
 
-/// How a flight is run.
+/// Settings of a flight.
 pub struct Options {
-    /// Where the recording goes; by default a file named after the time in the configured folder.
+    /// Place where the recording goes; by default a file named after the time in the configured folder.
     pub recording: Option<PathBuf>,
-    /// How long the run lasts.
+    /// Length of the run.
     pub length: RunLength,
-    /// Whether the operator's socket is served.
+    /// True where the operator's socket is served.
     pub socket: bool,
-    /// What goes into the recording beside ticks.
+    /// Entries of the recording beside ticks.
     pub extra: Vec<(String, String)>,
     /// The configuration's text, for the recording.
     pub config_text: String,

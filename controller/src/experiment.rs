@@ -22,7 +22,7 @@ use flight::{Recorded, RecordingSummary};
 use model::rig::Rig;
 use proto::recording::PERIOD_S;
 
-use crate::config::sensor_limits::{LimitBeyondSensor, limits_within_ranges};
+use crate::config::sensor_limits::{ModelRigError, load_within_limits};
 use crate::config::{Config, Safety};
 use crate::cycle::Cycle;
 use crate::experiment::command_sequence::{CommandSequence, CommandSequenceError};
@@ -39,24 +39,21 @@ use crate::session::recording_folder::EXPERIMENT_STEM;
 use crate::session::run_length::RunLength;
 use crate::session::session_recorder::{SessionError, SessionRecorder, attachment, fly_recorded};
 
-/// Why an experiment cannot be made.
+/// Reason why an experiment cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {
     /// The sequence is no good.
     #[error(transparent)]
     CommandSequence(#[from] CommandSequenceError),
-    /// The rig cannot be read.
+    /// The rig cannot be read, or its sensors do not show the configuration's limits.
     #[error(transparent)]
-    Rig(#[from] proto::rig_file::RigFileError),
-    /// A limit of the configuration lies beyond what the rig's sensor shows.
-    #[error(transparent)]
-    Limits(#[from] LimitBeyondSensor),
+    Rig(#[from] ModelRigError),
     /// The rig cannot be flown.
     #[error("rig {name}: {problem}")]
     Unflyable {
         /// The rig.
         name: String,
-        /// Why.
+        /// Reason.
         problem: model::rig::RigError,
     },
     /// The model says that it must not be played.
@@ -73,13 +70,13 @@ pub struct Experiment {
     pub sequence: CommandSequence,
     /// The model's rig.
     pub rig: Rig,
-    /// What the model says.
+    /// Forecast of the model.
     pub forecast: Forecast,
 }
 
-/// How it is played.
+/// Settings by which it is played.
 pub struct Options {
-    /// Where the recording goes; by default a file named after the time in the configured folder.
+    /// Place where the recording goes; by default a file named after the time in the configured folder.
     pub recording: Option<PathBuf>,
     /// The command line, for the recording.
     pub command: String,
@@ -91,7 +88,7 @@ pub struct Options {
     pub stop: Arc<AtomicBool>,
 }
 
-/// What came of it.
+/// Outcome.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Played {
     /// The recording.
@@ -100,9 +97,9 @@ pub struct Played {
     pub rows: u32,
     /// One past the last row that was sent.
     pub reached: u32,
-    /// Why it did not come to its end, in a few words; `None`: it did.
+    /// Reason why it did not come to its end, in a few words; `None`: it did.
     pub aborted: Option<String>,
-    /// What the cRIO reported.
+    /// Report of the cRIO.
     pub witness: PlaybackReport,
 }
 
@@ -113,8 +110,7 @@ impl Experiment {
     /// The first thing that is wrong, or when and how far the model leaves the safety envelope.
     pub fn load(config: &Config, csv: &Path) -> Result<Self, ExperimentError> {
         let sequence = CommandSequence::read(csv)?;
-        let rig = proto::emulator::load_for_loop(&config.rig.file, Some("rig.file"))?;
-        limits_within_ranges(config.safety, &rig, &config.rig.file)?;
+        let rig = load_within_limits(&config.rig.file, Some("rig.file"), config.safety)?;
         Self::check(sequence, rig, config.safety)
     }
 
@@ -186,7 +182,7 @@ impl Experiment {
     }
 }
 
-/// Why a sequence did not come to its end, with what would mend it; `None`: it did. `pump_off`: its rows with the pump
+/// Reason why a sequence did not come to its end, with what would mend it; `None`: it did. `pump_off`: its rows with the pump
 /// off, as [`CommandSequence::pump_off`] names them.
 pub fn why_aborted(playing: &OpenLoopPlayback, file: &str, pump_off: Option<&str>) -> Option<String> {
     if playing.is_complete() {

@@ -20,12 +20,11 @@ use model::rig::{Rig, RigError};
 use model::shown_reference::ShownReference;
 use model::steady::SteadyMap;
 use monitor::MonitorModels;
-use proto::emulator::load_for_loop;
 use proto::recording::{TickOrder, attached};
 use safety_filter::{Envelope, SafetyFilter, SlewLimit};
 
 use crate::config::Safety;
-use crate::config::sensor_limits::limits_within_ranges;
+use crate::config::sensor_limits::load_within_limits;
 use crate::cycle::sensing::Sensing;
 use crate::operator::running::ModelIdentity;
 use crate::reach::ModelReach;
@@ -40,7 +39,7 @@ const COMPARED: usize = 3000;
 const FOLLOWED: usize = 500;
 /// Samples that a replay keeps: a change may have looked at those of 20 min before, where ticks did not wait for it.
 const REPLAYED: usize = 1 << 16;
-/// How long the tick may take to put a model in.
+/// Time that the tick may take to put a model in.
 pub const PATIENCE: Duration = Duration::from_secs(2);
 /// Time in which a model that a tick has taken comes back from it: five ticks.
 const IN_TICK: Duration = Duration::from_millis(100);
@@ -57,9 +56,9 @@ pub struct ModelChange {
     pub shown_reference: ShownReference,
     /// The safety filter.
     pub filter: SafetyFilter,
-    /// What the monitor holds readings against.
+    /// Models that the monitor holds readings against.
     pub monitor: MonitorModels,
-    /// What flights of references will teach on this model, where that is learned: nothing yet.
+    /// Learning from flights of references on this model, where that is learned: nothing yet.
     pub repetitions: Option<Box<Repetitions>>,
     compared: Compared,
 }
@@ -126,7 +125,7 @@ struct Shared {
     next: ArrayQueue<Box<ModelChange>>,
     retired: ArrayQueue<Returned>,
     samples: ArrayQueue<Numbered>,
-    /// Whether a change brings what learns from flights.
+    /// True where a change brings what learns from flights.
     learns: AtomicBool,
 }
 
@@ -257,12 +256,11 @@ impl ModelDesk {
     /// Why not, one line; nothing has changed then.
     pub fn change(&self, file: &Path, safety: Safety, permit: &Permit) -> Result<ModelInForce, String> {
         let name = file.display();
-        let loaded = load_for_loop(&file.to_string_lossy(), None).map_err(|e| e.to_string())?;
+        let loaded = load_within_limits(&file.to_string_lossy(), None, safety).map_err(|e| e.to_string())?;
         let unfit = |problem: RigError| format!("{name}: rig {}: {problem}", loaded.name);
         // What is recorded is what is taken, to the last bit.
         let toml = loaded.to_toml().map_err(unfit)?;
         let rig = Rig::from_toml(&toml).map_err(unfit)?;
-        limits_within_ranges(safety, &rig, &file.to_string_lossy()).map_err(|e| e.to_string())?;
         let mut samples = self.samples.lock().unwrap_or_else(PoisonError::into_inner);
         let old = self.rig();
         if Sensing::of(&rig).map_err(unfit)? != Sensing::of(&old).map_err(unfit)? {
@@ -386,7 +384,7 @@ fn told(model: &str, again: &str, figures: Option<&ModelFigures>) -> String {
     )
 }
 
-/// Why a model cannot be compared on a run that is too short, and what to do.
+/// Reason why a model cannot be compared on a run that is too short, and what to do.
 fn too_little(run: &[Sample]) -> String {
     format!(
         "too little was run to compare it with the model in force: keep the rig armed for {} s more",

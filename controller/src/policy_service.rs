@@ -17,7 +17,7 @@ use crate::policy_signatures::offered;
 /// Name of the audit record, in the folder of the recordings.
 const AUDIT: &str = "policies.audit.jsonl";
 
-/// Why a policy may not control from the start.
+/// Reason why a policy may not control from the start.
 #[derive(Debug, thiserror::Error)]
 pub enum AdmissionError {
     /// It was refused at a stage.
@@ -33,7 +33,7 @@ pub enum AdmissionError {
     Rig {
         /// The rig.
         name: String,
-        /// Why.
+        /// Reason.
         problem: model::rig::RigError,
     },
     /// The key is none.
@@ -101,7 +101,7 @@ pub fn start(
     Ok(PolicyStore::start(settings, active, end, examination, stop, voices)?)
 }
 
-/// Why the watched directory cannot be served.
+/// Reason why the watched directory cannot be served.
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
     /// The key is none.

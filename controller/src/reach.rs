@@ -168,7 +168,7 @@ impl Places {
         }
     }
 
-    /// Of each end the place from which the rig stays furthest away.
+    /// Gives for each end the place from which the rig stays furthest away.
     fn worst(&self, map: &SteadyMap) -> Vec<Beyond> {
         let mut worst: BTreeMap<(usize, Vent), Beyond> = BTreeMap::new();
         for beyond in self.furthest.values().filter_map(|place| place.beyond(map)) {

@@ -1,4 +1,4 @@
-//! What a daemon takes over from its configuration file while it runs, and what it does not.
+//! Reading a configuration file again: settings that a running daemon takes over, and those that it does not.
 //!
 //! `SIGHUP` has the file read again. A file that is not sound changes nothing. Of one that is, the recordings' limits
 //! and the reference are taken over, the reference only while the rig is not controlled and within the limits that are in
@@ -8,9 +8,8 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, channel};
 
 use proto::reference::Reference;
-use proto::rig_file::RigFileError;
 
-use crate::config::sensor_limits::{LimitBeyondSensor, limits_within_ranges};
+use crate::config::sensor_limits::{ModelRigError, load_within_limits};
 use crate::config::{Config, ConfigError, DEFAULT_POLICY, FALLBACK};
 use crate::daemon::configured_reference;
 use crate::operator::reference_limits::examine;
@@ -26,7 +25,7 @@ pub struct Reloaded {
     pub reference_name: String,
 }
 
-/// Why a configuration is not taken over.
+/// Reason why a configuration is not taken over.
 #[derive(Debug, thiserror::Error)]
 pub enum ReloadError {
     /// The file is not sound.
@@ -35,12 +34,9 @@ pub enum ReloadError {
     /// The reference is not.
     #[error(transparent)]
     Reference(#[from] proto::reference::ReferenceError),
-    /// The rig is not.
+    /// The rig is not, or its sensors do not show the limits.
     #[error(transparent)]
-    Rig(#[from] RigFileError),
-    /// A limit lies beyond what the rig's sensor shows.
-    #[error(transparent)]
-    Limits(#[from] LimitBeyondSensor),
+    Rig(#[from] ModelRigError),
     /// The policy is not there.
     #[error("{}: no such policy; put the file there, or set policy.active to another", .file.display())]
     NoPolicy {
@@ -52,7 +48,7 @@ pub enum ReloadError {
     Beyond {
         /// The reference.
         name: String,
-        /// Why, in a clause.
+        /// Reason, in a clause.
         why: String,
     },
 }
@@ -78,8 +74,7 @@ fn read(file: &std::path::Path) -> Result<Reloaded, ReloadError> {
         return Err(ReloadError::Beyond { name: reference_name, why });
     }
     // What only a restart takes over must not keep the daemon from starting then.
-    let rig = proto::emulator::load_for_loop(&config.rig.file, None)?;
-    limits_within_ranges(config.safety, &rig, &config.rig.file)?;
+    load_within_limits(&config.rig.file, None, config.safety)?;
     let active = config.policy.active.as_str();
     let file = config.policy.active_file();
     if active != FALLBACK && active != DEFAULT_POLICY && !file.is_file() {

@@ -5,7 +5,7 @@
 //! no random number goes into a decision, so the same inputs must give the same bits; where they do not, the program,
 //! its compiler or the machine decides otherwise than it did, and the first stage that differs says where to look.
 //!
-//! What ends a replay early: ticks that were not recorded, and inputs whose content the recording does not hold. What was
+//! Two things end a replay early: ticks that were not recorded, and inputs whose content the recording does not hold. What was
 //! compared until then counts, and the end is told. So is a recording of which something could not be read: what follows the
 //! end of one that was cut short was not compared.
 
@@ -22,10 +22,11 @@ use std::collections::VecDeque;
 use handover::Noise;
 use proto::recording::{TickInput, TickRecord};
 use proto::reference::Reference;
-use proto::wire::{Frame, Sense};
+use proto::wire::{Frame, Sense, SequenceCounter};
 use supervisor::Condition;
 
 use crate::cycle::Cycle;
+use crate::cycle::limits::OF_ONE_FRAME;
 use crate::experiment::command_sequence::CommandSequence;
 use crate::experiment::open_loop_playback::OpenLoopPlayback;
 use crate::experiment::pump_relay::PumpRelay;
@@ -37,7 +38,7 @@ use comparison::compare;
 pub use comparison::{Difference, Stage};
 pub use replay_error::ReplayError;
 
-/// What a replay found.
+/// Findings of a replay.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Replayed {
     /// Ticks compared.
@@ -48,7 +49,7 @@ pub struct Replayed {
     pub differing: u64,
     /// The first of them.
     pub first: Option<Difference>,
-    /// Why it ended before the recording did.
+    /// Reason why it ended before the recording did.
     pub ended: Option<String>,
     /// Notes on what could not be read of the recordings, a line each.
     pub notes: Vec<String>,
@@ -84,7 +85,7 @@ pub struct Replay {
     replayed: Replayed,
     /// References that were exchanged while it ran, in their order: from files beside the recording, where given.
     references: VecDeque<Reference>,
-    /// Whether they were given.
+    /// Source of these references.
     given: Given,
     /// References of this run that are known from the recordings so far, the first one counted.
     known: usize,
@@ -94,7 +95,7 @@ pub struct Replay {
     known_experiments: usize,
     /// Policies and models that took over while it ran.
     orders: RecordedOrders,
-    /// Of the pump of the model in force.
+    /// Relay of the pump of the model in force.
     relay: PumpRelay,
     /// First ticks of the recordings so far: session, number, time, and the file.
     begun: Vec<((u32, u32, u64), String)>,
@@ -102,6 +103,8 @@ pub struct Replay {
     part: u32,
     /// True where something could not be read of the run so far.
     is_damaged: bool,
+    /// Session and sequence number of the newest frame.
+    heard: Option<(u32, u32)>,
 }
 
 /// Place of a tick behind the one before it.
@@ -151,6 +154,7 @@ impl Replay {
             begun: Vec::new(),
             part: 0,
             is_damaged: false,
+            heard: None,
         }
     }
 
@@ -248,7 +252,7 @@ impl Replay {
         Ok(())
     }
 
-    /// Why ticks before this one are not in the recording, if any are not. A number that is skipped is no proof: in
+    /// Reason why ticks before this one are not in the recording, if any are not. A number that is skipped is no proof: in
     /// lockstep a frame that never came leaves no tick.
     fn lost_before(&self, tick: &TickRecord, place: Place) -> Option<String> {
         let (session, number, dropped) = self.last?;
@@ -267,7 +271,7 @@ impl Replay {
         (skipped && self.is_damaged).then(|| format!("the recording is damaged {at}"))
     }
 
-    /// What was found.
+    /// Findings.
     pub fn found(self) -> Replayed {
         self.replayed
     }
@@ -337,16 +341,20 @@ impl Replay {
             }
         }
         // What the loop around the tick had found: deadlines, losses, numbering, rights.
-        for condition in FOUND_BY_LOOP {
-            if recorded.findings & (1 << condition.code()) != 0 {
-                cycle.report(condition, 0.0);
+        report_recorded(cycle, recorded, &FOUND_BY_LOOP);
+        let sense = sense_of(recorded);
+        if let Some(sense) = &sense {
+            let before = self.heard.replace((sense.session, sense.sequence));
+            if before.is_none_or(|before| !follows_at_once(sense, before)) {
+                // A frame that this one overtook is in no record; what it decided alone is among the findings.
+                report_recorded(cycle, recorded, &OF_ONE_FRAME);
             }
         }
         let now = [recorded.exploration_pos, recorded.exploration_neg];
         let explored = Noise { now, plan: recorded.exploration_plan };
         cycle.duty_source_mut().tracking_mut().impose_exploration(explored);
         let mut again = TickRecord { session: recorded.session, ..TickRecord::default() };
-        let answer = match sense_of(recorded) {
+        let answer = match sense {
             Some(sense) => {
                 cycle.observe(&sense, &mut again, &mut |_| {});
                 cycle.predict(&mut again);
@@ -369,6 +377,21 @@ impl Replay {
         }
         replayed.ticks += 1;
     }
+}
+
+/// Reports those of the conditions that a record has among its findings.
+fn report_recorded(cycle: &mut Cycle, recorded: &TickRecord, conditions: &[Condition]) {
+    for condition in conditions {
+        if recorded.findings & (1 << condition.code()) != 0 {
+            cycle.report(*condition, 0.0);
+        }
+    }
+}
+
+/// Tells whether a frame is the next of its session behind the one with this session and sequence number, so that none was
+/// overtaken in between.
+fn follows_at_once(sense: &Sense, (session, sequence): (u32, u32)) -> bool {
+    session == sense.session && SequenceCounter::after(sequence).advance() == sense.sequence
 }
 
 /// Tells whether an input of a tick, by its place among them, came while there was no session. Of what ends a session only a lost

@@ -35,34 +35,34 @@ use crate::session::session_loop::{Counts, Ending, one_session};
 
 /// Pauses between attempts to connect, the last for ever after.
 const PAUSES_MS: [u64; 5] = [100, 200, 500, 1000, 2000];
-/// How often a person is reminded that there is still no link: once a minute.
+/// Time between two reminders that there is still no link: a minute.
 const REMIND_NS: u64 = 60_000_000_000;
-/// How often a pause looks for requests.
+/// Time between two looks of a pause for requests.
 const LOOK_MS: u64 = 20;
 
-/// What the tick's thread works with.
+/// State that the tick's thread works with.
 pub struct Session<H> {
     /// Configuration.
     pub config: Config,
     /// The cycle.
     pub cycle: Cycle<H>,
-    /// Where records and notices go.
+    /// Place where records and notices go.
     pub sink: RecordSink,
     /// Status out, requests in.
     pub mailbox: TickMailbox,
     /// Set to end it.
     pub stop: Arc<AtomicBool>,
-    /// How long it lasts.
+    /// Length of the run.
     pub length: RunLength,
-    /// What reached the next tick beside frames, for its record.
+    /// Inputs that reached the next tick beside frames, for its record.
     pub inputs: u32,
     /// Told, outside of sessions only, what a person should know.
     pub say: Box<dyn FnMut(String) + Send>,
-    /// What the guard watches.
+    /// Pulse that the guard watches.
     pub pulse: Arc<Pulse>,
     /// Stolen time of this machine.
     pub stolen: StolenTime,
-    /// Whether all memory is locked.
+    /// Lock of all memory.
     pub memory: MemoryLock,
     /// Newest status, shown on while there is no session.
     pub status: Status,
@@ -121,6 +121,8 @@ pub fn run_session<H: DutySource>(mut session: Session<H>) -> Result<Cycle<H>, L
             }
         }
     }
+    // Also where no session was open to be ended; where one was, this changes nothing.
+    session.cycle.stop(&mut |_| ());
     Ok(session.cycle)
 }
 
@@ -132,7 +134,7 @@ fn is_over<H>(session: &Session<H>) -> bool {
     session.stop.load(Ordering::Relaxed) || session.length.is_over(now_ns())
 }
 
-/// The same trouble is said once and then now and again, not with every attempt.
+/// Tells a trouble once and then now and again, not with every attempt.
 fn tell_once<H>(session: &mut Session<H>, told: &mut (String, u64), text: String) {
     if text != told.0 || now_ns().saturating_sub(told.1) >= REMIND_NS {
         (session.say)(text.clone());
@@ -166,7 +168,7 @@ fn still_waiting<H: DutySource>(session: &mut Session<H>) {
 }
 
 /// The newest numbers with the state that they no longer have.
-fn show_waiting<H: DutySource>(session: &mut Session<H>) {
+pub(crate) fn show_waiting<H: DutySource>(session: &mut Session<H>) {
     let memory = session.cycle.memory();
     session.status = Status {
         state: memory.state,
@@ -242,7 +244,7 @@ pub(crate) fn tell(sink: &mut RecordSink, notice: Notice) {
     sink.event(notice.event(now_ns()));
 }
 
-/// Whether a state counts as under control, for how long a run lasts.
+/// Tells whether a state counts as under control, for how long a run lasts.
 pub(crate) fn is_armed(state: State) -> crate::session::run_length::Armed {
     if state.is_controlling() { crate::session::run_length::Armed::Yes } else { crate::session::run_length::Armed::No }
 }

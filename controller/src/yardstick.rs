@@ -1,4 +1,4 @@
-//! What the feed-forward PI reaches on a rig and a reference: the yardstick that a run is judged by.
+//! Errors of the feed-forward PI on a rig and a reference: the yardstick that a run is judged by.
 //!
 //! The rig is simulated in lockstep behind the sensors and the converter of the emulated cRIO, with the same model,
 //! reference and seed as the run, and without its faults. Off the tick and off the wire: a minute takes about a second.
@@ -27,13 +27,13 @@ const OPTIMUM_KPA: [(&str, [f64; 2]); 2] = [("dual_pressure", [0.064, 0.007]), (
 /// Length of the runs that [`OPTIMUM_KPA`] was taken from.
 const OPTIMUM_S: f64 = 60.0;
 
-/// What is to be simulated.
+/// Trial that is to be simulated.
 pub struct Trial<'a> {
     /// The rig that is driven, where it is known; otherwise the model stands for it.
     pub rig: Option<&'a Rig>,
     /// The model behind the feed-forward and the predictions.
     pub model: &'a Rig,
-    /// What is followed.
+    /// Reference that is followed.
     pub reference: Reference,
     /// Length from arming on.
     pub seconds: f64,

@@ -43,7 +43,7 @@ fn every_command_has_help() {
     }
 }
 
-/// What nobody could keep is no success; a reader that has seen enough is none of the program's troubles.
+/// A result that nobody could keep is no success; a reader that has seen enough is none of the program's troubles.
 #[test]
 fn results_that_cannot_be_written_are_no_success() {
     let full = std::fs::File::options().write(true).open("/dev/full").unwrap();

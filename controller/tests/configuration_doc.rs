@@ -120,7 +120,7 @@ fn the_documented_example_is_sound() {
     Config::parse(example, Path::new(NAME)).unwrap();
 }
 
-/// What the socket's answers may say is what the page lists.
+/// The page lists all that the socket's answers may say.
 #[test]
 fn every_state_and_condition_of_an_answer_is_listed() {
     let page = document();

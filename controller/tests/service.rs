@@ -1,4 +1,4 @@
-//! What a service manager hears of the daemon: ready, alive with every tick, stopping.
+//! Messages of the daemon to a service manager: ready, alive with every tick, stopping.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use std::os::unix::net::UnixDatagram;
@@ -10,7 +10,7 @@ use proto::emulator::{Emulator, EmulatorConfig, Pace, rig_and_crio};
 mod process;
 use process::{Folder, Running, SOON, alone, controller};
 
-/// What is heard within this time.
+/// Messages that are heard within this time.
 fn heard(socket: &UnixDatagram, time: Duration) -> Vec<String> {
     let until = Instant::now() + time;
     let mut heard = Vec::new();

@@ -43,6 +43,7 @@ fn signals_reload_or_do_nothing_and_the_rig_runs_on() {
     assert_eq!(laboratory.state(), "run", "none of this moved the rig");
     let (content, _) = laboratory.close();
     assert!(content.complete && said(&content, &["taken over"]), "{:?}", content.events);
+    assert!(said(&content, &["stopping at tick"]), "the end shows as the state it is: {:?}", content.events);
 }
 
 /// Signals that a process has handlers for, one bit each: bit 0 is signal 1.

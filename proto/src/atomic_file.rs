@@ -16,7 +16,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// What a file could not be written for.
+/// Reason for which a file could not be written.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: cannot write the file: {step}: {source}", .path.display())]
 pub struct AtomicFileError {
@@ -24,7 +24,7 @@ pub struct AtomicFileError {
     pub path: PathBuf,
     /// The step that failed.
     pub step: AtomicFileStep,
-    /// What the system said.
+    /// Error of the system.
     pub source: io::Error,
 }
 
@@ -67,7 +67,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), AtomicFileError> {
     })
 }
 
-/// Whether a path leads to something that is there and neither a file nor a folder: a device, a pipe, a socket.
+/// Tells whether a path leads to something that is there and neither a file nor a folder: a device, a pipe, a socket.
 pub fn is_no_file(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|about| !about.is_file() && !about.is_dir())
 }

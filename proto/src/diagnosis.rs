@@ -36,9 +36,9 @@ impl Verdict {
 /// A parameter of a mechanism that was found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FoundParameter {
-    /// Its value.
+    /// Value.
     pub value: f64,
-    /// Its unit.
+    /// Unit of the value.
     pub unit: String,
     /// Lower end of the interval that holds it with 90 %.
     pub low: f64,
@@ -62,7 +62,7 @@ pub enum RangeEnd {
     High,
 }
 
-/// What speaks for a mechanism.
+/// Evidence for a mechanism.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FoundEvidence {
     /// Log-likelihood lost without it, everything else fitted again.
@@ -85,7 +85,7 @@ pub struct FoundMechanism {
     pub summary: String,
     /// Parameters by name.
     pub parameters: BTreeMap<String, FoundParameter>,
-    /// What speaks for it.
+    /// Evidence for it.
     pub evidence: FoundEvidence,
     /// Mechanisms that explain the recordings as well in its place.
     pub rivals: Vec<String>,
@@ -99,19 +99,19 @@ pub struct Location {
     pub side: String,
     /// The component.
     pub component: String,
-    /// Its share of what the re-identified rig does not explain, 0 … 1.
+    /// Share of what the re-identified rig does not explain, 0 … 1.
     pub share_of_residual: f64,
     /// The operating region, in words and numbers.
     pub region: String,
     /// First and last time in s.
     pub time_s: [f64; 2],
-    /// How fast the mismatch comes and goes, in s.
+    /// Time in which the mismatch comes and goes (s).
     pub time_scale_s: f64,
-    /// Whether it enters the mass balance or the reading.
+    /// The place where it enters: the mass balance or the reading.
     pub enters: String,
 }
 
-/// How well a rig runs freely over rows that nothing was fitted to.
+/// Errors of a rig that runs freely over rows that nothing was fitted to.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Fit {
     /// RMSE of the positive channel in kPa.
@@ -130,7 +130,7 @@ pub struct Fit {
 pub struct Fits {
     /// The rig as it was given.
     pub nominal: Fit,
-    /// The same with its parameters fitted.
+    /// That rig with its parameters fitted.
     pub reidentified: Fit,
     /// With what was found.
     pub extended: Fit,
@@ -195,7 +195,7 @@ pub struct FurtherOff {
 pub struct DoubtfulParameter {
     /// Dotted key of the rig file.
     pub parameter: String,
-    /// Its unit.
+    /// Unit.
     pub unit: String,
     /// Value in the rig file that was given.
     pub stated: f64,
@@ -225,7 +225,7 @@ pub enum RigKind {
     /// The rig as it was given, for nothing was better on validation data.
     #[default]
     AsGiven,
-    /// The same rig with its parameters fitted.
+    /// That rig with its parameters fitted.
     Fitted,
     /// The rig with what was found, named or not.
     Extended,
@@ -234,13 +234,13 @@ pub enum RigKind {
 /// The rig file that was written.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct WrittenRig {
-    /// Its name.
+    /// Name of the file.
     pub name: String,
-    /// How it differs from the one that was given.
+    /// Difference from the one that was given.
     pub kind: RigKind,
 }
 
-/// What to do next.
+/// Advice on the next step.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct NextStep {
     /// The reason, in one sentence.
@@ -256,16 +256,16 @@ pub struct Diagnosis {
     pub verdict: Verdict,
     /// The answer in one sentence that needs no knowledge of the method.
     pub summary: String,
-    /// What was found.
+    /// Mechanisms that were found.
     pub mechanisms: Vec<FoundMechanism>,
     /// Where the mismatch lives.
     pub location: Vec<Location>,
     /// Before and after, on held-out stretches.
     pub fit: Fits,
-    /// The same for every channel, in the order of the rig's sensors.
+    /// Fits of every channel, in the order of the rig's sensors.
     #[serde(default)]
     pub fit_by_channel: Vec<ChannelFit>,
-    /// What these recordings cannot tell apart, as `id:where`.
+    /// Groups that these recordings cannot tell apart, as `id:where`.
     pub rivals: Vec<Vec<String>>,
     /// Name of the experiment's file, if one is needed.
     pub next_experiment: Option<String>,
@@ -290,7 +290,7 @@ pub struct Diagnosis {
     /// The rig file that was written.
     #[serde(default)]
     pub rig: WrittenRig,
-    /// What to do next.
+    /// Advice on the next step.
     #[serde(default)]
     pub next_step: NextStep,
 }

@@ -1,6 +1,6 @@
 //! FNV-1a (Fowler, Noll, Vo): a hash that tells contents apart, not one that withstands an attacker.
 
-/// What the hash begins with, and what each step multiplies it by: those of 64 bits.
+/// Beginning of the hash, and factor of each step: those of 64 bits.
 const OFFSET_BASIS: u64 = 0xcbf2_9ce4_8422_2325;
 const PRIME: u64 = 0x0000_0100_0000_01b3;
 
@@ -16,7 +16,7 @@ pub(crate) fn fnv1a(units: impl Iterator<Item = u64>) -> u64 {
 mod tests {
     use super::*;
 
-    /// Of the authors' list of test vectors.
+    /// Three of the authors' test vectors.
     #[test]
     fn known_answers() {
         let of = |text: &str| fnv1a(text.bytes().map(u64::from));

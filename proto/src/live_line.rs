@@ -3,7 +3,7 @@
 //! A line that wraps cannot be written over: its first half stays. So wrapping is switched off while the line is written, and the
 //! terminal itself cuts it at its edge; no width has to be asked for, and none can change in between.
 
-/// What takes a live line away.
+/// Signs that take a live line away.
 pub const CLEARED: &str = "\r\x1b[K";
 
 /// The bytes that show a line in place of the live line before it, cut at the terminal's edge.

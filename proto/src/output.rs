@@ -37,7 +37,7 @@ pub enum OutputError {
     Unwritable {
         /// The place that was asked for.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// A file of the results cannot be written.
@@ -48,7 +48,7 @@ pub enum OutputError {
     Remove {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
 }
@@ -84,7 +84,7 @@ pub fn check_file(file: &Path, bytes: u64) -> Result<(), OutputError> {
     probe(file, folder, bytes)
 }
 
-/// Whether two paths lead to one file that is there, by whatever links.
+/// Tells whether two paths lead to one file that is there, by whatever links.
 pub fn same_file(one: &Path, other: &Path) -> bool {
     match (one.canonicalize(), other.canonicalize()) {
         (Ok(one), Ok(other)) => one == other,

@@ -17,7 +17,7 @@ pub fn ends_with_this(command: &mut Command) -> &mut Command {
     command.env(VARIABLE, std::process::id().to_string())
 }
 
-/// What a program does first that may have been started by [`ends_with_this`]: nothing where it was not.
+/// First step of a program that may have been started by [`ends_with_this`]: nothing where it was not.
 ///
 /// Ends the program at once, with exit status 1, where the one to end with has gone already.
 pub fn end_with_parent() {

@@ -33,7 +33,7 @@ pub struct Reference {
     identity: u64,
 }
 
-/// What is wrong with a reference.
+/// Problem of a reference.
 #[derive(Debug, thiserror::Error)]
 pub enum ReferenceError {
     /// The file cannot be read.
@@ -41,7 +41,7 @@ pub enum ReferenceError {
     Read {
         /// The file.
         file: String,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// The file's content is wrong.
@@ -140,7 +140,7 @@ impl Reference {
         Self::of(time_s, kpa)
     }
 
-    /// The same reference for ever.
+    /// A reference that never moves.
     pub fn constant(pos_kpa: f64, neg_kpa: f64) -> Self {
         Self::of(vec![0.0], vec![[pos_kpa, neg_kpa]])
     }

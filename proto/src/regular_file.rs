@@ -16,7 +16,7 @@ use rustix::fs::OFlags;
 /// Reads a regular file of at most `most_bytes`.
 ///
 /// # Errors
-/// What the system said; `InvalidInput` with one plain clause for anything that is no regular file; `FileTooLarge` for one
+/// Error of the system; `InvalidInput` with one plain clause for anything that is no regular file; `FileTooLarge` for one
 /// that is larger.
 pub fn read(path: &Path, most_bytes: u64) -> io::Result<Vec<u8>> {
     check(&std::fs::metadata(path)?, most_bytes)?;

@@ -25,7 +25,7 @@ pub enum RigFileError {
     /// No file and no built-in rig of this name.
     #[error("{name}: there is neither a file nor a built-in rig of that name; built in are {}", Rig::BUILTIN.join(", "))]
     Neither {
-        /// What was asked for.
+        /// Name that was asked for.
         name: String,
     },
     /// The file is there and cannot be read.
@@ -33,7 +33,7 @@ pub enum RigFileError {
     Read {
         /// The file.
         file: String,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// The file is far larger than any rig.

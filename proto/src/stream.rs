@@ -1,4 +1,4 @@
-//! What the daemon tells those who watch it live: its ticks, events and state over a local socket, one way.
+//! Messages of the daemon to those who watch it live: its ticks, events and state over a local socket, one way.
 //!
 //! A run of messages, each `u32 length (little-endian) · u8 kind · payload`, `length` counting kind and payload. Payloads
 //! are those of recordings, so that a viewer shows live what it shows later:
@@ -38,7 +38,7 @@ pub enum Message {
     },
     /// An event.
     Event(Event),
-    /// What is known about the run, by name.
+    /// Facts about the run, by name.
     About(BTreeMap<String, String>),
     /// Policies and their stages, as JSON.
     Policies(String),
@@ -94,9 +94,9 @@ pub enum StreamError {
     /// A payload that cannot be read.
     #[error("a message of kind {kind} cannot be read: {problem}")]
     Payload {
-        /// Its kind.
+        /// Kind.
         kind: u8,
-        /// What is wrong.
+        /// Problem.
         problem: String,
     },
 }

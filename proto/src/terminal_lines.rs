@@ -11,7 +11,7 @@ use std::io::IsTerminal;
 const WIDTH: usize = 80;
 /// The least width that sentences are broken to; a terminal that says less says nothing.
 const LEAST_WIDTH: usize = 40;
-/// What a command to paste begins with.
+/// Beginnings of commands to paste.
 const COMMANDS: [&str; 4] = ["trainer ", "controller ", "cargo ", "sudo "];
 
 /// A text for a stream, its sentences broken where the stream is a terminal.
@@ -32,7 +32,7 @@ pub fn broken(text: &str, width: usize) -> String {
         .collect()
 }
 
-/// Whether a line is too long and no row of a table, no command and no object.
+/// Tells whether a line is too long and no row of a table, no command and no object.
 fn is_sentence(line: &str, width: usize) -> bool {
     let words = line.trim();
     // Behind a label (`report:    out/report.html`) there may be blanks.

@@ -8,8 +8,12 @@ use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 
 const HEADER: &str = "time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa";
 
+fn paper() -> Rig {
+    Rig::builtin("dual_pressure").unwrap()
+}
+
 fn read(bytes: impl AsRef<[u8]>) -> Result<Recording, RecordingError> {
-    Recording::parse_for("x.csv", bytes.as_ref(), &Rig::builtin("dual_pressure").unwrap())
+    Recording::parse_for("x.csv", bytes.as_ref(), &paper())
 }
 
 /// A parabola: what straight lines between its samples leave out is known.
@@ -211,6 +215,43 @@ fn two_clocks_that_cannot_be_brought_together_are_refused_by_name() {
         .collect();
     let said = read(turned).map(|of| of.notes().to_vec()).unwrap_err().to_string();
     assert!(said.contains("column 6 (t_p)") && said.contains("to the right of it"), "{said}");
+}
+
+/// The time of the commands in two or three columns: a pressure must not stand beside the command of its row either.
+#[test]
+fn a_second_clock_beside_a_time_in_several_columns_is_refused_by_name() {
+    let dated = |of: usize, time_s: f64| {
+        let clock = format!("10:00:{time_s:06.3}");
+        if of == 0 { format!("2026-03-04,{clock}") } else { format!("2026-03-04 {clock}") }
+    };
+    let beside_seconds = |of: usize, time_s: f64| if of == 0 { dated(0, time_s) } else { plain(1, time_s) };
+    let thousandths = |time_s: f64| (1e3 * time_s).round() as u64;
+    let with_ms = |of: usize, time_s: f64| {
+        let ms = thousandths(time_s);
+        if of == 0 { format!("2026-03-04,10:00:{:02},{}", ms / 1000, ms % 1000) } else { plain(1, time_s) }
+    };
+    let stamp = |of: usize, time_s: f64| {
+        let ms = thousandths(time_s);
+        if of == 0 { format!("{},{}", ms / 1000, ms % 1000 * 1_000_000) } else { plain(1, time_s) }
+    };
+    let of_map = "[recording]\ntime = [{ from = \"sec\" }, { from = \"nanosec\", scale = 1e-9 }]\n";
+    let stamped = Rig::from_toml(&format!("{}\n{of_map}", paper().to_toml().unwrap())).unwrap();
+    let several = "the time stands in more than one column";
+    let another = "the two do not cover the same time in the same unit";
+    let cases: [(&str, &dyn Fn(usize, f64) -> String, Rig, &str); 4] = [
+        ("Date,Time", &dated, paper(), several),
+        ("Date,Time", &beside_seconds, paper(), another),
+        ("Date,Time,ms", &with_ms, paper(), another),
+        ("sec,nanosec", &stamp, stamped, several),
+    ];
+    for (names, time, rig, why) in cases {
+        let text = side_by_side(&format!("{names},u_pos,u_neg,t_p,p_pos_kpa,p_neg_kpa"), 0.1, time);
+        let said = Recording::parse_for("x.csv", text.as_bytes(), &rig).map(|of| of.notes().to_vec());
+        let said = said.unwrap_err().to_string();
+        let first = format!("fill 300 rows and {}, the time, fills 1500", names.replace(',', " and "));
+        assert!(said.contains("(t_p): a second clock") && said.contains(&first), "{names}: {said}");
+        assert!(said.contains(why) && said.contains("make a file of each clock"), "{names}: {said}");
+    }
 }
 
 /// A counter, a second time in another unit and a sensor's own stamp go on with the rows: they are no clock of other rows, also where the

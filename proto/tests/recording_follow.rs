@@ -55,6 +55,32 @@ fn grows_with_the_file_and_over_its_renaming() {
     std::fs::remove_dir_all(folder).unwrap();
 }
 
+/// The files that a recording began with are the same ones whenever it is read: those that came later are told from them, also where
+/// they came before the first second was over.
+#[test]
+fn files_that_a_recording_began_with_are_told_from_later_ones() {
+    let folder = folder("began-with");
+    let path = folder.join("run.mcap");
+    let mut writer = writer(&path);
+    let mut follower = McapFollower::open(&unfinished_path(&path)).unwrap();
+    let begun_with =
+        |follower: &McapFollower| follower.first_attachments("a.csv").map(<[u8]>::to_vec).collect::<Vec<_>>();
+    follower.read_on().unwrap();
+    assert_eq!(begun_with(&follower), [b"1,2"]);
+    writer.write(&tick(0)).unwrap();
+    let data = b"3,4".to_vec();
+    writer.attach(&Attachment { name: "a.csv".to_owned(), media_type: "text/csv".to_owned(), data }).unwrap();
+    (1..50).for_each(|n| writer.write(&tick(n)).unwrap());
+    let path = writer.finish().unwrap();
+    let mut whole = McapFollower::open(&path).unwrap();
+    for follower in [&mut follower, &mut whole] {
+        assert_eq!(follower.read_on().unwrap().len(), 50);
+        assert_eq!(begun_with(follower), [b"1,2"]);
+        assert_eq!(follower.attachments("a.csv").collect::<Vec<_>>(), [b"1,2", b"3,4"]);
+    }
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
 /// A file that is fed piece by piece to a follower.
 struct Fed {
     path: PathBuf,

@@ -78,7 +78,7 @@ fn tick() -> TickRecord {
     }
 }
 
-/// The same number formats as in recording_read_back.py.
+/// Number formats as in recording_read_back.py.
 fn hex(value: f64) -> String {
     format!("{:016x}", value.to_bits())
 }

@@ -2,67 +2,10 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "the helpers of a test fail by panicking, as the test does")]
 
+mod logged;
+
+use logged::{HEADER, ROWS, assert_whole, paper, read, refused, row, seconds, table, with};
 use model::rig::Rig;
-use proto::recording::{Recording, RecordingError};
-
-const HEADER: &str = "time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa";
-const ROWS: usize = 60;
-
-/// A number that moves and repeats itself nowhere, with four digits.
-fn wave(row: usize, speed: f64) -> f64 {
-    ((row as f64 * speed).sin() * 1e4).round() / 1e4
-}
-
-/// Duties and pressures of a row.
-fn row(k: usize) -> [f64; 4] {
-    [0.7 + 0.1 * wave(k, 0.3), 0.8 + 0.1 * wave(k, 0.2), 90.0 + wave(k, 0.7), -66.0 + wave(k, 0.9)]
-}
-
-/// A table of all rows: what stands before a row's four numbers, between them and behind.
-fn table(head: &str, time: impl Fn(usize) -> String, separator: &str, decimal: &str, end: &str) -> String {
-    let mut text = head.to_owned();
-    for k in 0..ROWS {
-        let cells = row(k).map(|x| format!("{x:.5}").replace('.', decimal));
-        text.push_str(&format!("{}{separator}{}{end}\n", time(k), cells.join(separator)));
-    }
-    text
-}
-
-fn seconds(k: usize) -> String {
-    format!("{:.2}", 0.02 * k as f64)
-}
-
-fn paper() -> Rig {
-    Rig::builtin("dual_pressure").unwrap()
-}
-
-/// The paper's rig with a `[recording]` table.
-fn with(table: &str) -> Rig {
-    Rig::from_toml(&format!("{}\n[recording]\n{table}\n", paper().to_toml().unwrap())).unwrap()
-}
-
-fn read(bytes: impl AsRef<[u8]>, rig: &Rig) -> Result<Recording, RecordingError> {
-    Recording::parse_for("x.csv", bytes.as_ref(), rig)
-}
-
-fn refused(bytes: impl AsRef<[u8]>, rig: &Rig) -> String {
-    let said = read(bytes, rig).unwrap_err().to_string();
-    assert!(said.starts_with("x.csv: ") && !said.contains('\n'), "{said}");
-    said
-}
-
-/// Every row is there, bit for bit what five digits say.
-fn assert_whole(recording: &Recording, what: &str) {
-    assert_eq!((recording.rows(), recording.segments().len()), (ROWS, 1), "{what}: {:?}", recording.notes());
-    assert_eq!(recording.measured(), None, "{what}");
-    let columns = recording.require(["u_pos", "u_neg", "p_pos_kpa", "p_neg_kpa"]).unwrap();
-    for k in 0..ROWS {
-        for (column, expected) in columns.iter().zip(row(k)) {
-            assert!((column[k] - expected).abs() < 6e-6, "{what}: row {k}: {} for {expected}", column[k]);
-        }
-        assert!((recording.time_s()[k] - recording.time_s()[0] - 0.02 * k as f64).abs() < 2e-6, "{what}: row {k}");
-    }
-}
 
 #[test]
 fn separators_decimal_marks_heads_and_ends_are_found_out() {
@@ -290,27 +233,6 @@ fn a_row_that_was_cut_off_is_left_out_and_said() {
 }
 
 #[test]
-fn labview_files_are_read() {
-    let head = |columns: &str, decimal: &str| {
-        format!(
-            "LabVIEW Measurement\t\r\nWriter_Version\t2\r\nSeparator\tTab\r\nDecimal_Separator\t{decimal}\r\nX_Columns\t{columns}\r\n\
-             Time\t01:59:59,98\r\n***End_of_Header***\t\r\n\t\r\nChannels\t4\t\t\t\t\r\nSamples\t60\t60\t60\t60\t\r\n\
-             Y_Unit_Label\tV\tV\tkPa\tkPa\t\r\nX0\t0\t0\t0\t0\t\r\nDelta_X\t0{decimal}02\t0{decimal}02\t0{decimal}02\t0{decimal}02\t\r\n\
-             ***End_of_Header***\t\t\t\t\t\r\nX_Value\tu_pos\tu_neg\tp_pos_kpa\tp_neg_kpa\tComment\r\n"
-        )
-    };
-    let one = table(&head("One", ","), |k| seconds(k).replace('.', ","), "\t", ",", "\r");
-    let recording = read(one, &paper()).unwrap();
-    assert_whole(&recording, "one column of times");
-    let notes = recording.notes().join("\n");
-    for word in ["LabVIEW", "decimal commas", "u_pos as it stands, a share of 1 (V is said)", "p_pos_kpa in kPa"] {
-        assert!(notes.contains(word), "{word}: {notes}");
-    }
-    let none = table(&head("No", "."), |_| String::new(), "\t", ".", "\t\r");
-    assert_whole(&read(none, &paper()).unwrap(), "no column of times");
-}
-
-#[test]
 fn units_are_brought_to_the_rigs() {
     let volts = |k: usize| {
         let [a, b, p, n] = row(k);
@@ -485,7 +407,7 @@ fn every_refusal_names_the_key_that_helps() {
     }
 }
 
-/// What a refusal says to write into the rig file is what makes the file readable.
+/// The key that a refusal says to write into the rig file is the one that makes the file readable.
 #[test]
 fn the_key_that_a_refusal_names_helps() {
     let percent = |k: usize| {
@@ -498,7 +420,7 @@ fn the_key_that_a_refusal_names_helps() {
     assert_whole(&read(text, &with(map)).unwrap(), "own names, other units");
 }
 
-/// What a rig asks for must be a number; what it does not ask for is nobody's business.
+/// A column that a rig asks for must hold numbers; any other is nobody's business.
 #[test]
 fn nan_matters_only_where_it_is_asked_for() {
     let text = format!("{HEADER},ambient_c,v\n0,1,1,0,0,21,1.5\n0.02,1,1,0,0,NaN,-\n0.04,1,1,0,0,,inf\n");
@@ -509,98 +431,4 @@ fn nan_matters_only_where_it_is_asked_for() {
     }
     let said = refused(text.replace("0.04,1,1,0,0", "0.04,1,1,NaN,0"), &paper());
     assert!(said.contains("line 4, column 4 (p_pos_kpa): NaN is not a finite number"), "{said}");
-}
-
-#[test]
-fn any_rate_is_read_under_own_and_other_names_alike() {
-    let samples = |header: &str, step: f64, count: usize| {
-        let line = |k: usize| {
-            let t = step * k as f64;
-            format!("{t:.4},{},0.8,{:.6},-66\n", if t < 0.5 { 0.2 } else { 0.9 }, 90.0 + 10.0 * t)
-        };
-        format!("{header}\n") + &(0..count).map(line).collect::<String>()
-    };
-    let foreign = with(
-        "time = \"t\"\ncolumns.u_pos = \"a\"\ncolumns.u_neg = \"b\"\ncolumns.p_pos_kpa = \"c\"\ncolumns.p_neg_kpa = \"d\"",
-    );
-    for (step, count, sampling) in
-        [(0.002, 1000, 0.02), (0.01, 200, 0.02), (0.021, 100, 0.02), (0.1, 20, 0.1), (0.5, 5, 0.5)]
-    {
-        let own = read(samples(HEADER, step, count), &paper()).unwrap();
-        let other = read(samples("t,a,b,c,d", step, count), &foreign).unwrap();
-        assert!((own.sampling_s() - sampling).abs() < 1e-9 && own.segments().len() == 1, "{step}");
-        assert_eq!((own.time_s(), own.measured()), (other.time_s(), other.measured()), "{step}");
-        let [p, u] = own.require(["p_pos_kpa", "u_pos"]).unwrap();
-        assert_eq!(other.require(["p_pos_kpa", "u_pos"]).unwrap(), [p, u]);
-        for (row, t) in own.time_s().iter().enumerate().skip(1).take(own.rows() - 2) {
-            // A ramp is what it is however it is averaged or joined.
-            assert!((p[row] - 90.0 - 10.0 * t).abs() < 1e-4, "{step} {t}: {}", p[row]);
-        }
-        let measured = own.measured().map_or(own.rows(), |m| m.iter().filter(|m| **m).count());
-        assert_eq!(measured, if sampling > 0.02 { count } else { own.rows() }, "{step}");
-        assert!(own.notes()[0].contains(&format!("samples {:.1} ms apart", 1e3 * step)), "{:?}", own.notes());
-        assert_eq!(own.notes()[0].contains("nothing faster than"), sampling > 0.02, "{:?}", own.notes());
-    }
-}
-
-/// One row of twenty lost, two in a row here and there; and the clock off by up to 6 ms.
-#[test]
-fn lost_rows_and_jitter_are_bridged_and_told() {
-    let lost = |k: usize| k % 20 == 7 || k % 200 == 8;
-    let line = |k: usize, t: f64| {
-        let ramp = 50.0 + 5.0 * t;
-        format!("{t:.4},{},0.8,{ramp:.5},-66\n", if k % 100 < 50 { 0.3 } else { 0.9 })
-    };
-    let text = |jitter: f64, keep: &dyn Fn(usize) -> bool| {
-        let rows = (0..1000).filter(|k| keep(*k));
-        format!("{HEADER}\n") + &rows.map(|k| line(k, 0.02 * k as f64 + jitter * wave(k, 1.7))).collect::<String>()
-    };
-    let recording = read(text(0.0, &|k| !lost(k)), &paper()).unwrap();
-    assert_eq!((recording.rows(), recording.segments().len()), (1000, 1));
-    assert!(
-        recording.notes()[0].contains("55 rows lost in 50 places (after 0.12, 0.52, 0.92, 1.32 … s)"),
-        "{:?}",
-        recording.notes()
-    );
-    let measured = recording.measured().unwrap();
-    let [u, p] = recording.require(["u_pos", "p_pos_kpa"]).unwrap();
-    for k in 0..1000 {
-        assert_eq!(measured[k], !lost(k), "{k}");
-        assert!((p[k] - 50.0 - 0.1 * k as f64).abs() < 1e-4, "{k}");
-        assert_eq!(u[k], if k % 100 < 50 { 0.3 } else { 0.9 }, "{k}");
-    }
-    let jittered = read(text(0.006, &|_| true), &paper()).unwrap();
-    assert_eq!((jittered.segments().len(), jittered.measured()), (1, None));
-    assert!(
-        jittered.rows().abs_diff(1000) <= 1 && jittered.notes()[0].contains("scatter by"),
-        "{:?}",
-        jittered.notes()
-    );
-    let [p] = jittered.require(["p_pos_kpa"]).unwrap();
-    for (t, p) in jittered.time_s().iter().zip(p).skip(1).take(997) {
-        assert!((p - 50.0 - 5.0 * t).abs() < 2e-3, "stamps are believed: {t} {p}");
-    }
-    let both = read(text(0.006, &|k| !lost(k)), &paper()).unwrap();
-    assert_eq!(both.segments().len(), 1, "{:?}", both.notes());
-    let out = both.measured().unwrap().iter().filter(|measured| !**measured).count();
-    // A hole that the clock shortens to less than 35 ms is no hole.
-    assert!((30..=60).contains(&out), "{out}");
-    // Half a second without rows is a gap, and nothing is made up in it.
-    let gap = read(text(0.0, &|k| !(300..325).contains(&k)), &paper()).unwrap();
-    assert_eq!((gap.rows(), gap.segments().len(), gap.measured()), (975, 2, None));
-}
-
-/// A sensor read at 10 Hz and logged at 50: one row of five is a reading.
-#[test]
-fn readings_that_are_repeated_are_no_readings() {
-    let line = |k: usize| {
-        let [_, _, p, n] = row(k / 5);
-        format!("{:.2},{},0.8,{p:.5},{n:.5}\n", 0.02 * k as f64, if k % 100 < 50 { 0.3 } else { 0.9 })
-    };
-    let text = format!("{HEADER}\n") + &(0..500).map(line).collect::<String>();
-    let recording = read(text, &paper()).unwrap();
-    assert!((recording.sampling_s() - 0.1).abs() < 1e-9, "{:?}", recording.notes());
-    let measured = recording.measured().unwrap();
-    assert!((0..500).all(|k| measured[k] == (k % 5 == 0)));
-    assert!(recording.notes()[0].contains("every reading stands there 5 times"), "{:?}", recording.notes());
 }

@@ -113,7 +113,7 @@ fn a_run_begins_where_every_sensor_was_read() {
     assert!(told.contains("15 readings of p_neg_kpa are missing") && told.contains("15 rows left out"), "{told}");
 }
 
-/// What is no word for nothing is an error of the file still; a blank stretch is a gap like any other.
+/// A word that does not mean nothing is an error of the file still; a blank stretch is a gap like any other.
 #[test]
 fn other_text_is_refused_and_a_long_blank_is_a_gap() {
     let typed = |k: usize, row: &mut [String; 5]| {
@@ -149,7 +149,7 @@ fn a_blank_row_keeps_its_time_where_rows_are_counted() {
     assert!((of.column("u_pos").unwrap()[60] - 0.56).abs() < 1e-9);
 }
 
-/// The same rows with a clock of another unit and name.
+/// Those rows with a clock of another unit and name.
 fn clocked(name: &str, per_s: f64, step_s: f64, rows: usize) -> String {
     let mut text = HEADER.replace("time_s", name) + "\n";
     for k in 0..rows {

@@ -254,7 +254,7 @@ fn a_minute_stays_below_three_megabytes() {
     assert!(bytes < 3_000_000, "{bytes} bytes for 60 s");
 }
 
-/// What a tick costs the recorder thread: `cargo test --release --test recording_mcap -- --ignored --nocapture`.
+/// Cost of a tick to the recorder thread: `cargo test --release --test recording_mcap -- --ignored --nocapture`.
 #[test]
 #[ignore = "a measurement, not a check"]
 fn cost_of_a_minute() {

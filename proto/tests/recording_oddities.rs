@@ -1,4 +1,4 @@
-//! What else loggers write that is not plain: current loops, commands written where they change, rows that stand twice, times of writing,
+//! Other writings of loggers that are not plain: current loops, commands written where they change, rows that stand twice, times of writing,
 //! markers for no reading.
 
 #![allow(clippy::unwrap_used, reason = "the helpers of a test fail by panicking, as the test does")]

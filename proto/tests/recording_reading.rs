@@ -69,7 +69,7 @@ fn lz4(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
-/// What another tool makes of a file: one compressed chunk, all commands first, then all ticks, then the frames that were sensed.
+/// Bytes that another tool makes of a file: one compressed chunk, all commands first, then all ticks, then the frames that were sensed.
 fn saved_again(bytes: &[u8], compression: &str, compress: fn(&[u8]) -> Vec<u8>) -> Vec<u8> {
     let (mut parts, mut ticks): ([Vec<u8>; 4], Vec<Vec<u8>>) = Default::default();
     let mut topics = std::collections::HashMap::new();
@@ -272,7 +272,7 @@ fn with_attachments(folder: &Folder) -> Vec<u8> {
     std::fs::read(writer.finish().unwrap()).unwrap()
 }
 
-/// What attachments hold is nothing to the ticks behind them.
+/// The content of attachments is nothing to the ticks behind them.
 #[test]
 fn a_damaged_attachment_is_left_out_and_named() {
     let folder = Folder::new("damaged-attachment");

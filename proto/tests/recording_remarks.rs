@@ -1,4 +1,4 @@
-//! What people write into a recording beside its numbers: a note changes no number around it, and is told.
+//! Notes that people write into a recording beside its numbers: a note changes no number around it, and is told.
 
 #![allow(clippy::unwrap_used, clippy::panic)] // what fails here fails the test
 
@@ -35,7 +35,7 @@ fn noted(names: &str, tail: &str, at: &str) -> Recording {
     read(names, &write).unwrap()
 }
 
-/// Whether every row stands there with its own numbers.
+/// Checks that every row stands there with its own numbers.
 fn assert_whole(recording: &Recording) {
     assert_eq!(recording.rows(), ROWS);
     for (name, of) in [("p_pos_kpa", [20.0, 0.1]), ("p_neg_kpa", [0.0, -0.1]), ("u_pos", [0.2, 0.001])] {
@@ -94,7 +94,7 @@ fn a_word_over_a_number_loses_its_row_or_its_reading_alone() {
     assert!(often.is_err_and(|text| text.contains("line 9") && text.contains("fault")));
 }
 
-/// What may be a column without a name is no note: every number behind it would stand under another name.
+/// Text that may be a column without a name is no note: every number behind it would stand under another name.
 #[test]
 fn a_column_that_the_header_lacks_is_refused() {
     let number = read("", &|k| if k == AT { row(k) + ",7" } else { row(k) });

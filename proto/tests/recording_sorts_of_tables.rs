@@ -82,7 +82,7 @@ fn what_cannot_be_read_is_told_with_the_line_that_helps() {
     assert!(said.contains("nothing but zero bytes"), "{said}");
 }
 
-/// What is told of a command or a relay in another range is accepted as it stands, and makes the numbers that were meant.
+/// The key that is told of a command or a relay in another range is accepted as it stands, and makes the numbers that were meant.
 #[test]
 fn the_key_that_is_told_for_a_range_is_the_right_one() {
     let names = NAMES.join(",");

@@ -271,9 +271,10 @@ fn main() -> ExitCode {
         let given_up = tick.arrival == Arrival::Missing;
         if tick.deadline_missed || given_up {
             let late_ns = tick.arrival_lateness_ns.max(0) as u64 + u64::from(tick.compute_ns);
-            let (due_ns, limit_ns) = match given_up {
-                true => (tick.receive_ns.saturating_sub(FRAME_GRACE_NS), FRAME_GRACE_NS),
-                false => (tick.receive_ns.saturating_sub(tick.arrival_lateness_ns.max(0) as u64), COMMAND_DEADLINE_NS),
+            let (due_ns, limit_ns) = if given_up {
+                (tick.receive_ns.saturating_sub(FRAME_GRACE_NS), FRAME_GRACE_NS)
+            } else {
+                (tick.receive_ns.saturating_sub(tick.arrival_lateness_ns.max(0) as u64), COMMAND_DEADLINE_NS)
             };
             // A frame that was given up was at least as late as its limit.
             let over_ns = if given_up { FRAME_GRACE_NS } else { late_ns.saturating_sub(limit_ns) };

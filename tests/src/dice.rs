@@ -23,7 +23,7 @@ impl Dice {
         self.roll(1 << 40) as f64 / (1u64 << 40) as f64
     }
 
-    /// Whether something with this chance happens.
+    /// Tells whether something with this chance happens.
     pub fn chance(&mut self, chance: f64) -> bool {
         self.share() < chance
     }

@@ -11,7 +11,7 @@ pub const WHAT_IS_LATE: &str = "## What is late, in every state";
 /// States in which faults begin, in the order of the table's columns.
 pub const BEGINNINGS: [State; 4] = [State::Standby, State::Run, State::Hold, State::Revert];
 
-/// Where a fault leads.
+/// State to which a fault leads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
     /// To a state.
@@ -20,7 +20,7 @@ pub enum End {
     Stopped,
 }
 
-/// How the daemon comes back once the fault is over.
+/// Way in which the daemon comes back once the fault is over.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Return {
     /// By itself.
@@ -32,13 +32,13 @@ pub enum Return {
 /// A row of the table.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FaultRow {
-    /// What is wrong.
+    /// The problem.
     pub fault: String,
     /// For so many ticks.
     pub ticks: u32,
-    /// Where it leads, by the state in which it begins ([`BEGINNINGS`]).
+    /// State to which it leads, by the state in which it begins ([`BEGINNINGS`]).
     pub ends: [End; 4],
-    /// What follows once it is over.
+    /// Way back once it is over.
     pub afterwards: Return,
 }
 

@@ -5,7 +5,7 @@ use proto::emulator::EmulatedPlant;
 
 /// A hidden rig at rest with both vents open, advanced by one 20 ms tick per call.
 ///
-/// What it hands over is what its sensors' elements say: their lag, gain and drift are in it; noise and steps are the
+/// It hands over what its sensors' elements say: their lag, gain and drift are in it; noise and steps are the
 /// emulated converter's.
 pub struct HiddenPlant {
     run: Run<'static>,

@@ -14,7 +14,7 @@ use flight::{Recorded, RecordingSummary};
 
 use crate::task::tasks_named;
 
-/// How long anything may take on a machine that does other things as well.
+/// Time that anything may take on a machine that does other things as well.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A daemon at work.
@@ -75,12 +75,12 @@ impl Daemon {
         ask(&self.socket, question).ok()
     }
 
-    /// Whether it has ended, which only a fault of its own makes it do before it is told to.
+    /// Tells whether it has ended, which only a fault of its own makes it do before it is told to.
     pub fn is_over(&self) -> bool {
         self.thread.is_finished()
     }
 
-    /// Its socket.
+    /// Socket.
     pub fn socket(&self) -> &Path {
         &self.socket
     }

@@ -26,10 +26,10 @@ pub const RECORDINGS: &str = "recordings";
 
 /// Generous: how long the replay of one tick may take on such a machine.
 const REPLAY_OF_A_TICK: Duration = Duration::from_millis(2);
-/// How often a wait asks.
+/// Time between two questions of a wait.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// What a laboratory is to be, and the folder in which the daemon will run.
+/// Plan of a laboratory, and the folder in which the daemon will run.
 pub struct Plan {
     /// Whatever the daemon is to find beside its configuration is put here.
     pub folder: Folder,
@@ -92,7 +92,7 @@ pub struct Laboratory {
     pub rig: Running,
     /// The daemon's configuration.
     pub config: PathBuf,
-    /// Where both run.
+    /// Place where both run.
     pub folder: Folder,
 }
 
@@ -189,13 +189,13 @@ impl Laboratory {
     }
 }
 
-/// What a laboratory leaves.
+/// Things that a laboratory leaves.
 pub struct Closed {
-    /// How the daemon ended: well.
+    /// End of the daemon: a good one.
     pub daemon: RunStatus,
-    /// How the rig ended.
+    /// End of the rig.
     pub rig: RunStatus,
-    /// Where both ran.
+    /// Place where both ran.
     pub folder: Folder,
 }
 

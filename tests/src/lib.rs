@@ -1,4 +1,4 @@
-//! What tests across programs need: the programs themselves as children, folders that go away, waiting for lines.
+//! Tools of tests across programs: the programs themselves as children, folders that go away, waiting for lines.
 //!
 //! A child is killed when its handle is dropped, so a failed test leaves nothing running. Everything here fails by
 //! panicking with what the child said so far: it is the test's own message.
@@ -29,7 +29,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime};
 
-/// How often a wait looks.
+/// Time between two looks of a wait.
 const LOOK: Duration = Duration::from_millis(5);
 
 /// Lets one test at a time run: those in real time must not take each other's CPU.
@@ -133,7 +133,7 @@ impl Drop for Folder {
     }
 }
 
-/// How a child ended.
+/// End of a child.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RunStatus {
     /// Exit status; `None` if a signal ended it.
@@ -144,7 +144,7 @@ pub struct RunStatus {
     pub stderr: String,
 }
 
-/// Which of a child's streams.
+/// Stream of a child.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stream {
     /// Standard output.
@@ -181,7 +181,7 @@ impl Running {
         Running { name, child, said, readers }
     }
 
-    /// What it has said so far.
+    /// Output so far.
     pub fn said(&self, stream: Stream) -> String {
         self.said[stream as usize].lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -294,7 +294,7 @@ fn build(folder: &Path) {
     assert!(cargo.status().expect("cargo").success(), "controller and trainer cannot be built");
 }
 
-/// When a source that the programs are made of last changed.
+/// Time at which a source that the programs are made of last changed.
 fn newest_source(workspace: &Path) -> SystemTime {
     ["Cargo.toml", "Cargo.lock", "model", "proto", "controller", "trainer"]
         .iter()

@@ -9,12 +9,12 @@ use proto::emulator::{Crio, EmulatedPlant, SensorFault, Sensors, rig_and_crio};
 use proto::recording::TickRecord;
 use proto::wire::{Command, Hello, Sense, TICK_NS, TripBits};
 
-/// What a tick brought.
+/// Results of a tick.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Flown {
-    /// What was sent.
+    /// Command that was sent.
     pub command: ActuatorCommand,
-    /// What was told.
+    /// Notices of the tick.
     pub told: Vec<Notice>,
 }
 
@@ -29,7 +29,7 @@ pub struct Flight<H = RunningSource> {
     sequence: u32,
     /// Ticks since the start.
     pub ticks: u64,
-    /// What is wrong with the two sensors.
+    /// Faults of the two sensors.
     pub faults: [Vec<SensorFault>; 2],
 }
 
@@ -76,7 +76,7 @@ impl<H: DutySource> Flight<H> {
         self.cycle.session_opened();
     }
 
-    /// What the sensors would read without noise or fault, kPa gauge.
+    /// Readings of the sensors without noise or fault, kPa gauge.
     pub fn true_kpa(&self) -> [f64; 2] {
         self.plant.pressures_gauge_kpa()
     }

@@ -13,16 +13,16 @@ use proto::wire::{ByeReason, COMMAND_LENGTH, Command, CrioState, Frame, FrameRea
 
 use crate::coarse_rigs::coarse;
 
-/// How long anything may take on a machine that does other things as well.
+/// Time that anything may take on a machine that does other things as well.
 const PATIENCE: Duration = Duration::from_secs(20);
-/// How long an answer that nobody reads is waited for; the daemon gives up a silent link after five seconds.
+/// Time that an answer which nobody reads is waited for; the daemon gives up a silent link after five seconds.
 const UNREAD_PATIENCE: Duration = Duration::from_secs(1);
-/// How often it is looked for.
+/// Time between two looks for it.
 const UNREAD_LOOK: Duration = Duration::from_micros(100);
 /// Room for answers in the socket; the kernel doubles it.
 const UNREAD_BYTES: usize = 4096;
 
-/// What a step brought.
+/// Result of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Answer {
     /// A command.
@@ -45,7 +45,7 @@ pub struct RawCrio {
     sequence: u32,
     /// Ticks since the first session began.
     pub clock_ticks: u64,
-    /// What is wrong with the two sensors.
+    /// Faults of the two sensors.
     pub faults: [Vec<SensorFault>; 2],
     /// Duties of valves that no longer move, by channel.
     pub stuck_duty: [Option<f64>; 2],
@@ -89,7 +89,7 @@ impl RawCrio {
         }
     }
 
-    /// Where it listens.
+    /// Address at which it listens.
     ///
     /// # Panics
     /// If the socket has no address.
@@ -107,7 +107,7 @@ impl RawCrio {
         self.crio.state()
     }
 
-    /// What it applies now: duties of both valves, and whether the pump runs.
+    /// Commands that it applies now: duties of both valves, and whether the pump runs.
     pub fn applied(&self) -> ([f32; 2], bool) {
         let actuation = self.crio.actuation();
         (actuation.duty, actuation.pump_on)

@@ -16,11 +16,11 @@ use crate::coarse_rigs::{believed, coarse};
 use crate::raw_crio::{Answer, RawCrio};
 use crate::{Folder, RunStatus, Running, finish, program};
 
-/// How long anything may take on a machine that does other things as well.
+/// Time that anything may take on a machine that does other things as well.
 pub const SOON: Duration = Duration::from_secs(60);
 /// Ticks under control before anything is spoilt: 3.4 s, the soft start is over.
 pub const UNDER_CONTROL: u32 = 170;
-/// How long a state may take to be shown; below the time after which a silent cRIO counts as gone in lockstep.
+/// Time that a state may take to be shown; below the time after which a silent cRIO counts as gone in lockstep.
 const SHOWN_WITHIN: Duration = Duration::from_secs(3);
 
 /// Further lines of the rig `dual_pressure`: a leak through which it gets to some 60 kPa and no further, so that the fallback takes over
@@ -34,9 +34,9 @@ pub struct Scene {
     pub crio: RawCrio,
     /// The daemon.
     pub daemon: Running,
-    /// Its configuration's file.
+    /// File of its configuration.
     pub config: PathBuf,
-    /// Where all of it lies.
+    /// Place where all of it lies.
     pub folder: Folder,
 }
 
@@ -55,7 +55,7 @@ impl Scene {
         Scene::paced(rig, "lockstep", more)
     }
 
-    /// The same in real time, where the test has to keep it; without the rights that this asks for.
+    /// Scene in real time, where the test has to keep it; without the rights that this asks for.
     ///
     /// # Panics
     /// As [`Scene::on`].
@@ -83,7 +83,7 @@ impl Scene {
         scene
     }
 
-    /// The same, armed and settled.
+    /// Scene that is armed and settled.
     pub fn under_control(rig: &str) -> Self {
         let mut scene = Scene::start(rig, "");
         scene.control(UNDER_CONTROL);

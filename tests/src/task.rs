@@ -24,7 +24,7 @@ pub fn page_faults(task: i32) -> u64 {
     field(7).expect("minor faults") + field(9).expect("major faults")
 }
 
-/// Whether memory of this process is locked.
+/// Tells whether memory of this process is locked.
 pub fn memory_is_locked() -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     status.lines().any(|line| line.starts_with("VmLck:") && !line.contains("\t       0 kB"))

@@ -12,7 +12,7 @@ use crate::hidden_plant::HiddenPlant;
 
 /// Seed of the rigs around `bench` in `trainer evaluate`.
 const DRAWN_SEED: u64 = 2026;
-/// How many there are.
+/// Number of rigs.
 const DRAWN: usize = 20;
 /// Length of the reference that a rig of another maker must reach, in s.
 const SECONDS: f64 = 60.0;
@@ -56,7 +56,7 @@ impl UnknownRig {
         }
     }
 
-    /// What its cRIO does to commands.
+    /// Behaviour of its cRIO towards commands.
     ///
     /// # Panics
     /// If the rig's file cannot be understood.
@@ -67,7 +67,7 @@ impl UnknownRig {
         }
     }
 
-    /// What is at work in it that the nominal model leaves out.
+    /// Mechanisms at work in it that the nominal model leaves out.
     pub fn conceals(&self) -> Vec<String> {
         match self {
             UnknownRig::Ours(rig) => {

@@ -286,6 +286,10 @@ fn a_disarming_does_not_wait_behind_the_reach_of_a_reference() {
     let low = laboratory.folder.write("low.csv", slow_reference(&SteadyMap::new(&large).unwrap()));
     let begun = Instant::now();
     let asking = Running::start(&mut laboratory.command(&["reference", low.to_str().unwrap()]));
+    // A disarming in the tick that takes the reference would end it.
+    while !laboratory.status()["running"]["reference"].as_str().is_some_and(|name| name.contains("low.csv")) {
+        assert!(begun.elapsed() < SOON, "{}", laboratory.status());
+    }
     let mut longest = Duration::ZERO;
     while asking.said(Out).is_empty() && asking.said(Err).is_empty() {
         let asked = Instant::now();

@@ -1,4 +1,4 @@
-//! How far a simulated pressure is from a recorded one.
+//! Distance of a simulated pressure from a recorded one.
 //!
 //! For recorded gauge pressures p_k and simulated ones s_k:
 //!
@@ -31,7 +31,7 @@ pub(crate) struct Compared<'a> {
     pub(crate) recorded_kpa: &'a [f64],
     /// Simulated ones.
     pub(crate) simulated_kpa: &'a [f64],
-    /// Whether a sample was taken at a row; `None` where one was in all.
+    /// True where a sample was taken, by row; `None` where one was in all.
     pub(crate) measured: Option<&'a [bool]>,
 }
 

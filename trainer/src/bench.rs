@@ -98,7 +98,7 @@ pub(crate) struct LanesDiffer {
     lanes: Vec<f64>,
 }
 
-/// What some work took.
+/// Resources that some work took.
 #[derive(Debug, Clone, Copy)]
 struct Took {
     wall: Duration,

@@ -117,7 +117,7 @@ const FIRST_FIT: &str = "fitting the rig's own parameters";
 const SHORT_OVER_FIRST_FIT: f64 = 5.0;
 const WHOLE_OVER_FIRST_FIT: f64 = 10.0;
 
-/// What is being done, and how long it will take.
+/// Work that is being done, and the time that it will take.
 struct Shown {
     work: WorkShown,
     begun: Instant,

@@ -74,7 +74,7 @@ struct RigsTableArgs {
     /// Rig to control, name or file; may be given several times (dual_pressure, bench)
     #[arg(long, value_name = "RIG")]
     rig: Vec<String>,
-    /// How many rigs to draw around the last rig; 0 for none
+    /// Number of rigs to draw around the last rig; 0 for none
     #[arg(long = "randomised", alias = "drawn", value_name = "N", default_value_t = 20, value_parser = RangedU64ValueParser::<usize>::new().range(0..=1000))]
     drawn: usize,
     /// Seed of the randomised rigs
@@ -127,9 +127,10 @@ struct TableArgs {
 fn length(text: &str) -> Result<f64, String> {
     let seconds: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
     let shortest = SKIPPED_S + 1.0;
-    match (shortest..=LONGEST_S).contains(&seconds) {
-        true => Ok(seconds),
-        false => Err(format!("give {shortest} to {LONGEST_S} s; the first {SKIPPED_S} s are not counted")),
+    if (shortest..=LONGEST_S).contains(&seconds) {
+        Ok(seconds)
+    } else {
+        Err(format!("give {shortest} to {LONGEST_S} s; the first {SKIPPED_S} s are not counted"))
     }
 }
 
@@ -312,7 +313,7 @@ fn begin(out: &Path) -> Result<Interruptible, Failure> {
     Ok(work)
 }
 
-/// What is printed of a table.
+/// Parts of a table that are printed.
 #[derive(Debug, Clone, Copy)]
 enum Printed {
     Markdown,
@@ -320,7 +321,7 @@ enum Printed {
 }
 
 impl Printed {
-    /// What `--json` asks for.
+    /// Parts that `--json` asks for.
     fn with(json: bool) -> Self {
         if json { Printed::Json } else { Printed::Markdown }
     }

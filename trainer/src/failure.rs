@@ -1,4 +1,4 @@
-//! Why a command ends without its work done: one plain line, and the exit status.
+//! Reason why a command ends without its work done: one plain line, and the exit status.
 
 use std::io::{self, Write};
 use std::process::ExitCode;
@@ -24,7 +24,7 @@ pub(crate) const FAILED: u8 = 1;
 /// Exit status of wrong usage and bad input.
 pub(crate) const BAD_INPUT: u8 = 2;
 
-/// Why a command ends without its work done.
+/// Reason why a command ends without its work done.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Failure {
     #[error(transparent)]

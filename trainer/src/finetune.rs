@@ -69,7 +69,7 @@ pub(crate) struct FinetuneArgs {
     /// Publish with a plan that holds the duties of now, instead of fitting it to what the policy then does
     #[arg(long)]
     hold_plan: bool,
-    /// How published files' names begin
+    /// Beginning of published files' names
     #[arg(long, value_name = "NAME", default_value = "finetuned", value_parser = name)]
     name: String,
     /// Seed
@@ -89,9 +89,10 @@ const NICEST: i32 = 19;
 /// A name that the watched folder takes.
 fn name(text: &str) -> Result<String, String> {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
-    match !text.is_empty() && !text.starts_with('.') && text.chars().all(is_plain) {
-        true => Ok(text.to_owned()),
-        false => Err("letters, digits, `.`, `_` and `-`, no dot in front".to_owned()),
+    if !text.is_empty() && !text.starts_with('.') && text.chars().all(is_plain) {
+        Ok(text.to_owned())
+    } else {
+        Err("letters, digits, `.`, `_` and `-`, no dot in front".to_owned())
     }
 }
 
@@ -210,7 +211,7 @@ const BAR_EVERY: Duration = Duration::from_millis(200);
 const LINE_EVERY: Duration = Duration::from_secs(15);
 const BAR_WIDTH: usize = 20;
 
-/// How far it is: one bar over all ticks on a terminal, plain lines elsewhere.
+/// Progress: one bar over all ticks on a terminal, plain lines elsewhere.
 struct Bar {
     stop: Arc<AtomicBool>,
     kept: Arc<AtomicBool>,

@@ -1,6 +1,6 @@
 //! `trainer identify`: a rig's parameters from recordings, with uncertainties and in plain words.
 //!
-//! What is fitted and how stands in the crate `fit`; here are files, progress and what is said.
+//! The fit itself stands in the crate `fit`; here are files, progress and what is said.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -117,7 +117,7 @@ const TESTS_OVER_A_ROUND: f64 = 2.0;
 /// Rounds after which one knows how long a round is.
 const KNOWN_AFTER: usize = 2;
 
-/// What is being done, and how long it will take.
+/// Work that is being done, and the time that it will take.
 struct Shown {
     work: WorkShown,
     begun: Instant,
@@ -154,7 +154,7 @@ fn named(name: &str) -> String {
     format!("{bare}_identified")
 }
 
-/// What the file says of itself.
+/// Description of the file in itself.
 fn described(before: &str, recordings: &[Recording]) -> String {
     let names: Vec<String> =
         recordings.iter().map(|r| short_name(r.source(), recordings.iter().map(Recording::source))).collect();

@@ -1,4 +1,4 @@
-//! How far long work is: a bar on a terminal, plain lines elsewhere, nothing for short work.
+//! Progress of long work: a bar on a terminal, plain lines elsewhere, nothing for short work.
 //!
 //! On standard error, so that results on standard output stay clean.
 
@@ -67,7 +67,7 @@ impl Progress {
 }
 
 impl Progress {
-    /// The same for work that asks whether to go on: it does.
+    /// Takes a step of work that asks whether to go on: it does.
     pub(crate) fn go_on(&mut self, steps: u64) -> ControlFlow<()> {
         self.advance(steps);
         ControlFlow::Continue(())

@@ -32,7 +32,7 @@ impl RigChoice {
     /// Reads, checks and compiles the rig, with the finer step.
     ///
     /// # Errors
-    /// What is wrong with the file or the rig, in one line.
+    /// The file or the rig is wrong, in one line.
     pub(crate) fn compile(&self) -> Result<(Rig, Arc<Plant<f64>>), Failure> {
         let mut rig = rig_file::load(&self.rig)?;
         rig.integrator.step_ms = refined(rig.integrator.step_ms, self.refine);
@@ -45,7 +45,7 @@ impl RigChoice {
 /// row is refused by its file before any recording is read.
 ///
 /// # Errors
-/// What is wrong with the file or the rig, in one line.
+/// The file or the rig is wrong, in one line.
 pub(crate) fn load_for_rows(file: &str) -> Result<Rig, RigFileError> {
     let rig = rig_file::load(file)?;
     let runs = Plant::new(&rig).and_then(|plant| FreeRun::new(&rig, Arc::new(plant)));

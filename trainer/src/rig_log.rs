@@ -1,4 +1,4 @@
-//! What `trainer rig` tells while it runs: events, spoilt frames, and counts at the end.
+//! Messages of `trainer rig` while it runs: events, spoilt frames, and counts at the end.
 
 use std::io::Write;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -15,7 +15,7 @@ const WAITING: usize = 1024;
 /// Event lines in a second; a client gone wild must not fill a disk.
 const LINES_PER_S: u32 = 20;
 
-/// What the emulator's thread hands over.
+/// Items that the emulator's thread hands over.
 #[derive(Debug)]
 pub(crate) enum Seen {
     Event(Event),

@@ -8,7 +8,7 @@ use training::{TrainedPolicy, TrainingError, TrainingSettings, Variant};
 
 use crate::failure::{Failure, tell};
 
-/// Whether two policies of one row are no two seeds: the same seed, or the same weights under another number.
+/// Tells whether two policies of one row are no two seeds: the same seed, or the same weights under another number.
 fn is_same_run(one: &TrainedPolicy, other: &TrainedPolicy) -> bool {
     one.settings().run.seed == other.settings().run.seed || one.network() == other.network()
 }
@@ -32,7 +32,7 @@ fn without_policy(folder: &Path, shown: &dyn Fn(Variant) -> bool) -> Option<Stri
     shown(settings.policy.variant).then(|| Some(folder.file_name()?.to_string_lossy().into_owned()))?
 }
 
-/// What to say of runs that were kept without their policies, and how one is had again.
+/// Tells of runs that were kept without their policies, and how one is had again.
 fn tell_lacking(folder: &Path, names: &[String]) {
     if !names.is_empty() {
         let folder = folder.display();

@@ -1,6 +1,6 @@
 //! The duties of the speed measurement: steps of both valves that never repeat together soon.
 //!
-//! The same schedule as the C program that the figures are compared with in `docs/performance.md`, so that both
+//! It is the schedule of the C program that the figures are compared with in `docs/performance.md`, so that both
 //! end at the same pressures, which shows that both simulate the same plant.
 
 /// Duties of both valves at tick `tick`: three levels each, 50 and 70 ticks long.

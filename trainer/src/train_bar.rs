@@ -1,4 +1,4 @@
-//! How far a training run is: one bar over all of it on a terminal, plain lines elsewhere.
+//! Progress of a training run: one bar over all of it on a terminal, plain lines elsewhere.
 
 use std::io::{IsTerminal, Write};
 use std::sync::Arc;
@@ -70,8 +70,8 @@ impl TrainingCallback for TrainBar {
     }
 }
 
-/// How long it will take still, what is being done, and how well; within 57 characters, so that bar and figures fit 80. A narrower
-/// terminal cuts off what stands last.
+/// Figures beside the bar: the time left, the work that is being done, and how well; within 57 characters, so that bar and figures
+/// fit 80. A narrower terminal cuts off what stands last.
 fn figures(p: &Progress) -> String {
     let left = p.left_s.map_or(String::new(), |s| format!("{}:{:02} left, ", s as u64 / 60, s as u64 % 60));
     let last = p.last_evaluation.as_ref();

@@ -61,7 +61,7 @@ struct Figures {
     segments: usize,
     /// Rows without a sample.
     not_measured: usize,
-    /// Where flappers lay, by stretch.
+    /// Places where flappers lay, by stretch.
     began: Began,
     /// By sensor of the rig.
     channels: Vec<Errors>,
@@ -136,7 +136,7 @@ fn check_meaning(rig: &Rig, recordings: &[Recording]) -> Result<(), Failure> {
     Err(told.map_or(outside, FitError::Unusable).into())
 }
 
-/// What the checks of units, signs, exchanged columns and sensors say of recordings.
+/// Findings of the checks of units, signs, exchanged columns and sensors of recordings.
 struct Looked {
     /// Errors that are not the model's and that no figure is worth anything with; all in one line.
     unusable: Option<String>,
@@ -186,7 +186,7 @@ fn sound(recordings: Vec<Recording>, looked: &Looked) -> Vec<Recording> {
     recordings.into_iter().enumerate().map(of).collect()
 }
 
-/// Which rows of a recording are compared.
+/// Rows of a recording that are compared.
 #[derive(Clone, Copy)]
 struct Judged<'a> {
     /// By sensor and row, whether a sound sample was taken there.
@@ -206,7 +206,7 @@ fn least_of(recorded_kpa: &[f64], usable: &[bool]) -> f64 {
     LEAST_KPA.min(LEAST_SHARE * sound.map(|(kpa, _)| kpa.abs()).fold(0.0, f64::max))
 }
 
-/// How often a recording's run begins anew, and why; `None` where it runs through.
+/// Number of times that a recording's run begins anew, and why; `None` where it runs through.
 fn began_anew(recording: &Recording) -> Option<String> {
     let (segments, time_s) = (recording.segments(), recording.time_s());
     let gaps: Vec<(f64, f64)> = segments
@@ -224,7 +224,7 @@ fn began_anew(recording: &Recording) -> Option<String> {
     ))
 }
 
-/// Where flappers lay at the first row of each stretch, by the 20 s after it.
+/// Places where flappers lay at the first row of each stretch, by the 20 s after it.
 fn began(rig: &Rig, recording: &Recording) -> Result<Began, Failure> {
     let records = Records::new(rig, std::slice::from_ref(recording))?;
     let simulator = Simulator::new(&records, Fidelity::Averaged);
@@ -266,7 +266,7 @@ fn compare(
 }
 
 impl Figures {
-    /// How often a simulation began anew within a recording.
+    /// Number of times that a simulation began anew within a recording.
     fn restarts(&self) -> usize {
         self.segments.saturating_sub(self.recordings)
     }

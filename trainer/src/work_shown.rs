@@ -1,4 +1,4 @@
-//! How far long work is, as one bar with a whole and the time left on a terminal, and as lines elsewhere.
+//! Progress of long work, as one bar with a whole and the time left on a terminal, and as lines elsewhere.
 //!
 //! A search does not know how many rounds it will take. What it does know after its first fit is how fast this machine is on these
 //! recordings, and how many times as long searches took that were measured. The bar goes by that, and where the work outlasts it,
@@ -30,12 +30,12 @@ pub(crate) struct WorkShown {
     shows: Option<JoinHandle<()>>,
 }
 
-/// What is known of the work.
+/// State of the work.
 #[derive(Debug, Clone)]
 struct State {
     stage: String,
     begun: Instant,
-    /// How long all of it will take, once that can be told.
+    /// Time that all of it will take, once that can be told.
     expected: Option<Duration>,
 }
 
@@ -93,7 +93,7 @@ impl Drop for WorkShown {
     }
 }
 
-/// What is shown at a moment.
+/// Line that is shown at a moment.
 #[derive(Debug, Clone, PartialEq)]
 struct Line {
     stage: String,

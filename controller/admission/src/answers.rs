@@ -1,4 +1,4 @@
-//! What a policy answers over the range of its observations: whether it looks at them at all.
+//! Answers of a policy over the range of its observations, which show whether it looks at them at all.
 
 use model::observation::{ACTION_LEN, AHEAD, GOALS_AHEAD, PAST};
 use policy::Policy;
@@ -29,7 +29,7 @@ const LEAST_RIGHT: f32 = 0.9;
 /// The layout whose answers are duties; corrections fade out far from the goal, and the fallback goes its own way there.
 const DUTIES: u32 = 1;
 
-/// What the answers for the present tick are like.
+/// Figures of the answers for the present tick.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Answers {
     /// Lowest and highest answer of each valve.
@@ -75,7 +75,7 @@ impl Answers {
         Answers { range_duty, right_way, per_kpa_duty }
     }
 
-    /// Why the answers alone are reason enough not to fly the policy, one line.
+    /// Reason why the answers alone are reason enough not to fly the policy, one line.
     pub fn refusal(&self) -> Option<String> {
         let constant = |range: [f32; 2]| range[1] - range[0] < CONSTANT_DUTY;
         let [positive, negative] = self.range_duty;

@@ -28,7 +28,7 @@ pub enum Stage {
     Signature,
     /// The network and what it says of itself.
     Network,
-    /// What it answers.
+    /// Answers over the range of its observations.
     Answers,
     /// Closed-loop trial.
     Trial,
@@ -56,13 +56,13 @@ impl Stage {
     }
 }
 
-/// Why a policy was refused.
+/// Reason why a policy was refused.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[error("stage {}: {reason}", .stage.name())]
 pub struct Refusal {
     /// At which stage.
     pub stage: Stage,
-    /// Why, one line with the fix.
+    /// Reason, one line with the fix.
     pub reason: String,
     /// SHA-256 of the file, where it could be read.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -76,17 +76,17 @@ pub struct Refusal {
 pub struct Admitted {
     /// The policy.
     pub policy: Policy,
-    /// What it answers.
+    /// Answers over the range of its observations.
     pub answers: Answers,
-    /// Its trial.
+    /// Trial.
     pub figures: TrialFigures,
-    /// Its flights of the trial, to compare others with once it is the incumbent.
+    /// Flights of the trial, to compare others with once it is the incumbent.
     pub tallies: Vec<Tally>,
     /// Median time of an inference in µs.
     pub inference_us: f64,
 }
 
-/// What policies are examined with: the contracts, the trial around a model, the rule on signatures.
+/// Means by which policies are examined: the contracts, the trial around a model, the rule on signatures.
 pub struct Examiner {
     signatures: Vec<PolicySignature>,
     rule: SignatureRule,

@@ -8,7 +8,7 @@
 //! | `answers` | whether its answers depend on what it is told |
 //! | `trial` | sixteen simulated rigs: envelope, limit cycles, tracking beside fallback and incumbent |
 //!
-//! What comes after them happens on the rig: shadow, authority ramp, probation (crate `controller`). Nothing here may
+//! The stages after them are on the rig: shadow, authority ramp, probation (crate `controller`). Nothing here may
 //! run in the tick: it allocates, reads files and takes seconds.
 
 pub mod answers;

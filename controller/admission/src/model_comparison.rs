@@ -47,7 +47,7 @@ pub struct Sample {
     pub measured_kpa: Pair,
     /// Duties that were sent.
     pub duty: Pair,
-    /// Whether the pump was asked to run, 1 or 0.
+    /// Request to the pump to run, 1 or 0.
     pub pump_on: bool,
 }
 
@@ -58,9 +58,9 @@ pub struct ModelFigures {
     pub ticks: usize,
     /// Seconds in which each pressure moved; its other figures are of these, or of all where they are too few.
     pub moving_s: [usize; CHANNELS],
-    /// Of the model in force, one tick ahead and five.
+    /// Errors of the model in force, one tick ahead and five.
     pub before_kpa: [Pair; 2],
-    /// Of the new one.
+    /// Errors of the new one.
     pub after_kpa: [Pair; 2],
     /// Seconds in which the new one's error five ticks ahead is clearly less than the old one's …
     pub better_s: [usize; CHANNELS],
@@ -79,7 +79,7 @@ impl ModelFigures {
         (0..CHANNELS).all(|c| !self.has_moved(c))
     }
 
-    /// Why the new model must not replace the old one, one line; `None` if it may.
+    /// Reason why the new model must not replace the old one, one line; `None` if it may.
     pub fn refusal(&self) -> Option<String> {
         let worse = |c: usize| {
             let of = |errors: [Pair; 2]| errors[1][c].hypot(FLOOR_KPA[c]);

@@ -1,4 +1,4 @@
-//! Whether a policy was published by somebody who may: minisign signatures (Ed25519).
+//! Proof that a policy was published by somebody who may: minisign signatures (Ed25519).
 
 use std::path::{Path, PathBuf};
 
@@ -7,17 +7,17 @@ use minisign_verify::{PublicKey, Signature};
 /// Largest signature file that is read; minisign's have some 300 bytes.
 const MOST_SIGNATURE_BYTES: usize = 4096;
 
-/// What is asked of signatures.
+/// Rule on signatures.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum SignatureRule {
-    /// Nothing.
+    /// None is asked for.
     #[default]
     None,
     /// A sound signature by this key beside the file.
     Required(PublicKey),
 }
 
-/// Why a key cannot be used.
+/// Reason why a key cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[error("`{text}` is no minisign public key ({problem}); give the line of a .pub file that begins with RW")]
 pub struct KeyError {

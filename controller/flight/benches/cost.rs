@@ -1,4 +1,4 @@
-//! What recording, counting and reporting cost: `cargo bench -p flight`.
+//! Cost of recording, counting and reporting: `cargo bench -p flight`.
 //!
 //! Prints p50, p99.9 and max of each call that may run in the tick, with the recorder's thread at work
 //! on the same machine, and the time and size of a report of one hour.

@@ -11,11 +11,11 @@ use crate::wording;
 /// A run among others: its name, unlike that of every other, its ticks, and what is known about it.
 #[derive(Debug, Clone, Copy)]
 pub struct ComparedRun<'a> {
-    /// Its name.
+    /// Name.
     pub name: &'a str,
-    /// Its ticks in their order.
+    /// Ticks in their order.
     pub ticks: &'a [TickRecord],
-    /// What its recording says.
+    /// Information from its recording.
     pub info: &'a FlightInfo,
 }
 

@@ -43,7 +43,7 @@ pub fn free_bytes(path: &Path) -> Option<u64> {
     Some(about.f_bavail.saturating_mul(about.f_frsize))
 }
 
-/// What is kept of old recordings; 0 keeps everything.
+/// Limits on old recordings that are kept; 0 keeps everything.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Retention {
     /// Days after which a recording is removed.

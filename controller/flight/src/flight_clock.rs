@@ -15,7 +15,7 @@ pub const RATE_HZ: f64 = 50.0;
 /// Nanoseconds per tick.
 pub const PERIOD_NS: u64 = 20_000_000;
 
-/// Where a record stands on the flight's time axis.
+/// Place where a record stands on the flight's time axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moment {
     /// Ticks of 20 ms since the first record.

@@ -1,4 +1,4 @@
-//! What a report says about a flight beside its ticks: where, with what, what was said.
+//! Facts that a report gives about a flight beside its ticks: place, equipment, messages.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use crate::statistics::{FileState, Pacing, StatisticsOptions};
 /// Attachments longer than this are named, not shown (bytes).
 const LONGEST_TEXT: usize = 64 * 1024;
 
-/// What the daemon's codes are called.
+/// Names of the daemon's codes.
 #[derive(Debug, Clone, Copy)]
 pub struct CodeNames {
     /// Name of [`TickRecord::state`](proto::recording::TickRecord::state).
@@ -18,7 +18,7 @@ pub struct CodeNames {
     pub fault: fn(u16) -> &'static str,
 }
 
-/// When something was said.
+/// Time at which something was said.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum NoteTime {
     /// Daemon's monotonic clock, as `receive_ns` (ns).
@@ -30,13 +30,13 @@ pub enum NoteTime {
 /// Something that was said during the flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FlightNote {
-    /// When.
+    /// Time.
     pub at: NoteTime,
-    /// How much it matters.
+    /// Importance.
     pub level: EventLevel,
-    /// Which part spoke.
+    /// Part that spoke.
     pub part: String,
-    /// What it said.
+    /// Message.
     pub message: String,
 }
 
@@ -45,7 +45,7 @@ pub struct FlightNote {
 pub struct FlightInfo {
     /// Heading of the page, for example `Demo: 60 s on the emulated rig bench`.
     pub title: String,
-    /// When it began, for example `2026-11-20T02:04:05.678Z`.
+    /// Time at which it began, for example `2026-11-20T02:04:05.678Z`.
     pub started: String,
     /// Program and version.
     pub program: String,
@@ -63,13 +63,13 @@ pub struct FlightInfo {
     pub extra: Vec<(String, String)>,
     /// Files to show as they are, by name: the configuration, the rig.
     pub files: Vec<(String, String)>,
-    /// What was said.
+    /// Messages.
     pub notes: Vec<FlightNote>,
     /// Settling time, pacing, limits.
     pub options: StatisticsOptions,
     /// Time after its frame was due by which a command must be out (ms): a line in the plot of tick times.
     pub deadline_ms: Option<f64>,
-    /// What the codes are called.
+    /// Names of the codes.
     pub codes: CodeNames,
 }
 
@@ -94,7 +94,7 @@ impl FlightInfo {
         }
     }
 
-    /// What a recording says about its flight.
+    /// Reads the facts about a flight from its recording.
     ///
     /// The entries `rig`, `model_rig`, `reference` and `command` of
     /// [`RecordingInfo::extra`](proto::recording::RecordingInfo) get their places; all others are listed.

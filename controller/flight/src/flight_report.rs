@@ -66,7 +66,7 @@ pub fn flight_report(ticks: &[TickRecord], info: &FlightInfo) -> String {
     page.to_html()
 }
 
-/// Why predictions may be worse than none, as far as the recording tells.
+/// Reason why predictions may be worse than none, as far as the recording tells.
 fn why_predictions_are_off(channels: &str, info: &FlightInfo) -> String {
     let begin = format!(
         "{channels}: five ticks ahead, MPObs is further off than assuming that nothing changes. Predictions roll the model from the plan of the tick before, so they miss"
@@ -119,12 +119,13 @@ fn key_figures(summary: &FlightSummary) -> Vec<KeyFigure> {
     let pos = others(summary.max_abs_pos_kpa, summary.fallback_rmse_pos_kpa, summary.optimum_rmse_pos_kpa);
     let neg = others(summary.max_abs_neg_kpa, summary.fallback_rmse_neg_kpa, summary.optimum_rmse_neg_kpa);
     let none_is_good = |number: u64| if number == 0 { Sign::Good } else { Sign::Bad };
-    let deadlines = match summary.is_realtime() {
-        true => KeyFigure::new("Deadlines missed", &wording::count(summary.deadline_misses))
+    let deadlines = if summary.is_realtime() {
+        KeyFigure::new("Deadlines missed", &wording::count(summary.deadline_misses))
             .note(&format!("of {}", wording::counted(summary.ticks, "tick", "ticks")))
-            .verdict(none_is_good(summary.deadline_misses)),
-        false => KeyFigure::new("Deadlines", "none")
-            .note(&format!("lockstep, {}", wording::counted(summary.ticks, "tick", "ticks"))),
+            .verdict(none_is_good(summary.deadline_misses))
+    } else {
+        KeyFigure::new("Deadlines", "none")
+            .note(&format!("lockstep, {}", wording::counted(summary.ticks, "tick", "ticks")))
     };
     let faults = KeyFigure::new("Faults", &wording::count(summary.faults))
         .note(&match summary.vented_s {

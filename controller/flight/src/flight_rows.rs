@@ -61,7 +61,7 @@ impl<'a> Flight<'a> {
         self.rows.iter().map(|(_, row)| cell(row)).collect()
     }
 
-    /// Which rows count for tracking.
+    /// Rows that count for tracking.
     pub(crate) fn tracked(&self) -> Vec<bool> {
         self.rows.iter().map(|(_, row)| row.is_some_and(|row| row.place.tracked)).collect()
     }
@@ -85,7 +85,7 @@ impl<'a> Flight<'a> {
         stretches
     }
 
-    /// Where something that was said stands on the time axis (s).
+    /// Place of something that was said on the time axis (s).
     pub(crate) fn time_of(&self, at: NoteTime) -> f64 {
         let at_ns = match at {
             NoteTime::FlightS(time_s) => return time_s.clamp(0.0, self.statistics.seconds()),

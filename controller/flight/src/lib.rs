@@ -1,4 +1,4 @@
-//! What a flight leaves behind: its recording, its figures, and a report that a person looks at.
+//! Traces of a flight: its recording, its figures, and a report that a person looks at.
 //!
 //! ```text
 //!  tick thread                 recorder thread                      when the flight is over

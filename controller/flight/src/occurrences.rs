@@ -1,4 +1,4 @@
-//! What happened during a flight: found in the ticks themselves, and what the daemon said.
+//! Occurrences during a flight: found in the ticks themselves, and what the daemon said.
 //!
 //! Stretches of the same trouble are one entry with its length. Of each kind at most 20 are listed, with
 //! a line that says how many more there were: a flight with 3,000 missed deadlines needs one sentence
@@ -17,15 +17,15 @@ const MOST: usize = 20;
 /// One thing that happened.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Occurrence {
-    /// When it began (s of flight).
+    /// Time at which it began (s of flight).
     pub(crate) from_s: f64,
-    /// How long it lasted (s); `None` for what has no length.
+    /// Duration (s); `None` for what has no length.
     pub(crate) length_s: Option<f64>,
-    /// How much it matters.
+    /// Importance.
     pub(crate) level: EventLevel,
-    /// Which part it concerns.
+    /// Part that it concerns.
     pub(crate) part: String,
-    /// What happened.
+    /// Description of what happened.
     pub(crate) text: String,
 }
 
@@ -135,7 +135,7 @@ fn deadlines(flight: &Flight<'_>) -> Vec<Occurrence> {
     misses.iter().filter_map(|rows| stretch(rows, EventLevel::Error, "tick", text(rows))).collect()
 }
 
-/// Where the time of a slow tick went.
+/// Tells where the time of a slow tick went.
 fn blame(row: &Row<'_>) -> String {
     let tick = row.tick;
     let us = |ns: u32| wording::short_time(Some(f64::from(ns) / 1e3));

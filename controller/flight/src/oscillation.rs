@@ -1,4 +1,4 @@
-//! Whether an error repeats itself faster than the reference moves: a sign of a limit cycle.
+//! Errors that repeat themselves faster than the reference moves: a sign of a limit cycle.
 //!
 //! A loop that hunts (hysteresis or stiction under integral action, too much gain) makes an error that
 //! repeats itself after a fixed period; noise does not, and a tracking error repeats only with the
@@ -40,14 +40,14 @@ pub const AMPLITUDE_KPA: f64 = 0.05;
 pub struct Repetition {
     /// After this time it repeats itself (s).
     pub period_s: f64,
-    /// How well: 0 for noise, 1 for a pure tone.
+    /// Regularity: 0 for noise, 1 for a pure tone.
     pub regularity: f64,
     /// Amplitude of the part that repeats (kPa).
     pub amplitude_kpa: f64,
 }
 
 impl Repetition {
-    /// Whether it is strong and regular enough to count as an oscillation.
+    /// Tells whether it is strong and regular enough to count as an oscillation.
     pub fn is_oscillation(&self) -> bool {
         self.regularity >= REGULARITY && self.amplitude_kpa >= AMPLITUDE_KPA
     }

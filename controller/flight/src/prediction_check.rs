@@ -26,7 +26,7 @@ pub(crate) struct PredictionCheck {
 /// One horizon over the rows of the flight; NaN where there is nothing to compare.
 #[derive(Debug)]
 pub(crate) struct Horizon {
-    /// What was predicted for this row that many ticks before (kPa gauge).
+    /// Prediction for this row, made that many ticks before (kPa gauge).
     pub(crate) predicted: Vec<f64>,
     /// Measured − predicted (kPa).
     pub(crate) error: Vec<f64>,
@@ -69,7 +69,7 @@ impl PredictionCheck {
         self.horizons.get(ticks.checked_sub(1)?)
     }
 
-    /// Whether the longest prediction is worse than none.
+    /// Tells whether the longest prediction is worse than none.
     pub(crate) fn loses_to_nothing(&self, counts: &[bool]) -> bool {
         let figures = self.horizons.last().map(|last| (rms(&last.error, counts), rms(&last.unchanged_error, counts)));
         matches!(figures, Some((Some(predicted), Some(unchanged))) if predicted > unchanged)

@@ -1,10 +1,10 @@
-//! Why there is no recording, or not all of it.
+//! Reason why there is no recording, or not all of it.
 
 use std::path::PathBuf;
 
 use proto::recording::WriteMcapError;
 
-/// Why there is no recording, or not all of it.
+/// Reason why there is no recording, or not all of it.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     /// The file cannot be made, written or finished.
@@ -27,9 +27,9 @@ pub enum RecordError {
     Cut {
         /// The file that was cut.
         path: PathBuf,
-        /// Its length before (bytes).
+        /// Length before (bytes).
         from: u64,
-        /// Its length now (bytes).
+        /// Length now (bytes).
         to: u64,
     },
     /// The folder for recordings cannot be made.
@@ -37,7 +37,7 @@ pub enum RecordError {
     Directory {
         /// The folder.
         directory: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// Every name is taken.
@@ -51,7 +51,7 @@ pub enum RecordError {
     Hangs {
         /// The unfinished file, or the folder.
         place: PathBuf,
-        /// How long it was waited for (s).
+        /// Time that it was waited for (s).
         seconds: u64,
     },
     /// The recording lacks something.
@@ -67,7 +67,7 @@ pub enum RecordError {
     /// The thread cannot be started.
     #[error("cannot start the recorder's thread: {source}; check the limit on threads (ulimit -u)")]
     Thread {
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// The thread is gone: a panic in the observer or in the event texts.

@@ -40,14 +40,14 @@ pub const CAPACITY: usize = 4_096;
 const EVENTS: usize = 256;
 /// Notes that other threads may have waiting; further ones are counted.
 const NOTES: usize = 1_024;
-/// How long the disk may work on one thing at the end of a recording before it counts as one that hangs.
+/// Time that the disk may work on one thing at the end of a recording before it counts as one that hangs.
 const HANGS: Duration = Duration::from_secs(4);
-/// How long the end of a recording may take altogether.
+/// Time that the end of a recording may take altogether.
 const FINISH: Duration = Duration::from_secs(15);
 /// Between two looks at the end's progress.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// What the recorder's observer sees.
+/// Item that the recorder's observer sees.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Recorded<'a> {
     /// A tick.
@@ -56,11 +56,11 @@ pub enum Recorded<'a> {
     Event {
         /// Daemon's monotonic clock (ns).
         at_ns: u64,
-        /// How much it matters.
+        /// Importance.
         level: EventLevel,
-        /// Which part speaks.
+        /// Part that speaks.
         part: &'a str,
-        /// What happened.
+        /// Description of what happened.
         message: &'a str,
     },
 }
@@ -68,7 +68,7 @@ pub enum Recorded<'a> {
 /// Sees every tick and event, on the recorder's thread.
 pub type Observer = Box<dyn FnMut(Recorded<'_>) + Send>;
 
-/// How a recorder runs.
+/// Settings of a recorder.
 pub struct RecorderOptions {
     /// Ticks that the queue holds, at 50 per second and about 500 bytes each; at least 1.
     pub capacity: usize,
@@ -101,7 +101,7 @@ impl std::fmt::Debug for RecorderOptions {
     }
 }
 
-/// What a finished recorder leaves.
+/// Account that a finished recorder leaves.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RecordingSummary {
     /// The last finished file; empty where nothing was recorded.

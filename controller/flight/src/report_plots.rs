@@ -8,7 +8,7 @@ use crate::prediction_check::{PredictionCheck, rms, rolling_rms, worst_window};
 use crate::statistics::{Pacing, Stage};
 use crate::wording;
 
-/// How often, what, in which ticks, and its colour.
+/// Count, name, choice of ticks, and colour.
 type Mark = (u64, &'static str, fn(&TickRecord) -> bool, Color);
 
 /// Colours of the positive and the negative channel, everywhere.
@@ -58,7 +58,7 @@ pub(crate) fn pressures(flight: &Flight<'_>) -> Plot {
         .panel(duty)
 }
 
-/// What the control law is made of, while it steers.
+/// Terms of the control law, while it steers.
 pub(crate) fn law(flight: &Flight<'_>) -> Plot {
     let time_s = flight.time_s();
     let column = |value: fn(&TickRecord) -> f64| flight.column_where(|row| row.place.steered, value);
@@ -100,7 +100,7 @@ pub(crate) fn law(flight: &Flight<'_>) -> Plot {
     plot
 }
 
-/// How well MPObs predicted, over the flight.
+/// Prediction errors of MPObs over the flight.
 pub(crate) fn prediction_errors(flight: &Flight<'_>, checks: &[PredictionCheck; 2]) -> Plot {
     let time_s = flight.time_s();
     let tracked = flight.tracked();
@@ -158,7 +158,7 @@ pub(crate) fn prediction_close_up(flight: &Flight<'_>, checks: &[PredictionCheck
     Some(plot)
 }
 
-/// How long ticks take, whole and by stage.
+/// Durations of ticks, whole and by stage.
 pub(crate) fn tick_times(flight: &Flight<'_>, deadline_ms: Option<f64>) -> Plot {
     let mut plot = Plot::new("Time of a tick", "time (ms)").log_x().caption(
         "Both axes are logarithmic: the few slow ticks matter and would vanish otherwise. A stage counts where it ran.",
@@ -188,7 +188,7 @@ pub(crate) fn tick_times(flight: &Flight<'_>, deadline_ms: Option<f64>) -> Plot 
     plot
 }
 
-/// When ticks were slow and frames late.
+/// Times at which ticks were slow and frames late.
 pub(crate) fn times_over_flight(flight: &Flight<'_>) -> Plot {
     let time_s = flight.time_s();
     let compute_ms = flight.column(|tick| Stage::Whole.ns(tick).map_or(f64::NAN, |ns| f64::from(ns) / 1e6));

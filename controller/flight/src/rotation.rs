@@ -19,7 +19,7 @@ const MOST_NAMES: u32 = 1000;
 pub struct Destination {
     /// The folder; made if it is not there.
     pub directory: PathBuf,
-    /// How the files' names begin: `STEM-YYYYMMDD-HHMMSS.mcap`, UTC.
+    /// Beginning of the files' names: `STEM-YYYYMMDD-HHMMSS.mcap`, UTC.
     pub stem: &'static str,
     /// Stems of all recordings that retention may remove here.
     pub stems: &'static [&'static str],
@@ -29,17 +29,17 @@ pub struct Destination {
     pub most_time: Duration,
     /// Free space below which nothing new is to be started (bytes).
     pub min_free_bytes: u64,
-    /// What of older recordings is kept.
+    /// Limits on older recordings that are kept.
     pub retention: Retention,
     /// The daemon's monotonic clock (ns).
     pub clock: fn() -> u64,
 }
 
-/// Where tapes come from.
+/// Source of tapes.
 pub(crate) trait TapeSource: Send {
     /// The next tape, after `ticks` ticks on those before; `None` when there is no other.
     fn next(&mut self, ticks: u64) -> Option<Result<Box<dyn Tape>, RecordError>>;
-    /// Where tapes are; for messages, and to ask for free space.
+    /// Place where tapes are; for messages, and to ask for free space.
     fn place(&self) -> &Path;
     /// The limits of one tape, where there are any.
     fn destination(&self) -> Option<&Destination> {

@@ -25,11 +25,11 @@ use proto::recording::{EventLevel, TickRecord};
 pub struct Event {
     /// Daemon's monotonic clock (ns).
     pub at_ns: u64,
-    /// How much it matters.
+    /// Importance.
     pub level: EventLevel,
-    /// Which part speaks, for example `link`.
+    /// Part that speaks, for example `link`.
     pub part: &'static str,
-    /// What happened; the codes are the daemon's own.
+    /// Code of what happened; the codes are the daemon's own.
     pub code: u16,
     /// Numbers that belong into the sentence; their meaning depends on the code.
     pub values: [f64; 4],
@@ -50,7 +50,7 @@ pub(crate) struct OrderedEvent {
     pub(crate) event: Event,
 }
 
-/// What sink and recorder share.
+/// State that sink and recorder share.
 #[derive(Debug)]
 pub(crate) struct Queues {
     pub(crate) ticks: ArrayQueue<TickRecord>,
@@ -59,7 +59,7 @@ pub(crate) struct Queues {
     pub(crate) events_dropped: AtomicU64,
     /// The recorder takes nothing any more.
     pub(crate) closed: AtomicBool,
-    /// What begins now would not be recorded: the disk has failed or is nearly full.
+    /// True where what begins now would not be recorded: the disk has failed or is nearly full.
     pub(crate) unrecorded: AtomicBool,
 }
 
@@ -117,7 +117,7 @@ impl RecordSink {
         u32::try_from(self.shared.ticks_dropped.load(Ordering::Relaxed)).unwrap_or(u32::MAX)
     }
 
-    /// Whether a run begun now would be recorded: nothing is to arm by itself while it would not.
+    /// Tells whether a run begun now would be recorded: nothing is to arm by itself while it would not.
     ///
     /// # Real-time
     /// May run in the tick: one atomic load.

@@ -20,7 +20,7 @@ use crate::yardstick::RunYardstick;
 /// Mode of a COMMAND that vents.
 const MODE_VENT: u8 = 0;
 
-/// How the ticks were paced.
+/// Pacing of the ticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Pacing {
     /// By the clock: deadlines count.
@@ -30,18 +30,18 @@ pub enum Pacing {
     Lockstep,
 }
 
-/// What the figures are taken by.
+/// Settings by which the figures are taken.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StatisticsOptions {
     /// Settling time that does not count, after the daemon begins to steer (s).
     pub skip_s: f64,
-    /// How the ticks were paced.
+    /// Pacing of the ticks.
     pub pacing: Pacing,
     /// The largest RMSE that the verdict calls good: positive, negative (kPa).
     pub rmse_limit_kpa: Option<[f64; 2]>,
-    /// What the run is measured by.
+    /// Yardstick of the run.
     pub yardstick: Option<RunYardstick>,
-    /// What is at the other end of the wire.
+    /// Counterpart at the other end of the wire.
     pub counterpart: Counterpart,
     /// State of the file that the ticks were read from.
     pub file_state: FileState,
@@ -64,7 +64,7 @@ impl FileState {
     }
 }
 
-/// What is at the other end of the wire.
+/// Counterpart at the other end of the wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Counterpart {
     /// A cRIO of its own.
@@ -107,7 +107,7 @@ impl Stage {
     /// All of them, the whole first.
     pub const ALL: [Self; 5] = [Self::Whole, Self::ReceiveCheck, Self::Predict, Self::Law, Self::Send];
 
-    /// What a person calls it.
+    /// Name for people.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Whole => "whole tick",
@@ -118,7 +118,7 @@ impl Stage {
         }
     }
 
-    /// Its time in a tick (ns); `None` when it did not run.
+    /// Time in a tick (ns); `None` when it did not run.
     pub fn ns(self, tick: &TickRecord) -> Option<u32> {
         let ns = match self {
             Self::Whole => tick.compute_ns,
@@ -165,14 +165,14 @@ pub struct Counts {
     pub records_dropped: u64,
 }
 
-/// Where a tick stands in its flight.
+/// Place where a tick stands in its flight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
-    /// Its place on the time axis.
+    /// Place on the time axis.
     pub moment: Moment,
-    /// Whether the daemon steered in it.
+    /// True where the daemon steered in it.
     pub steered: bool,
-    /// Whether it counts for tracking.
+    /// True where it counts for tracking.
     pub tracked: bool,
 }
 
@@ -189,7 +189,7 @@ pub struct FlightStatistics {
     pub(crate) window_max_ns: u32,
     clock: FlightClock,
     steering_since: Option<u64>,
-    /// Whether a fault took control away.
+    /// True where a fault took control away.
     vented_by_fault: bool,
 }
 
@@ -244,7 +244,7 @@ impl FlightStatistics {
         self.options.yardstick = yardstick;
     }
 
-    /// What befell the ticks so far.
+    /// Counts of what befell the ticks so far.
     pub fn counts(&self) -> &Counts {
         &self.counts
     }
@@ -266,7 +266,7 @@ impl FlightStatistics {
         }
     }
 
-    /// How much later than expected the frames came; early ones count as 0.
+    /// Lateness of the frames; early ones count as 0.
     pub fn lateness(&self) -> &DurationHistogram {
         &self.lateness
     }
@@ -351,7 +351,7 @@ impl FlightStatistics {
     }
 }
 
-/// Whether the daemon steers in a tick: it has a reference and does not vent.
+/// Tells whether the daemon steers in a tick: it has a reference and does not vent.
 fn steers(tick: &TickRecord) -> bool {
     tick.mode != MODE_VENT && tick.ref_pos_kpa.is_finite() && tick.ref_neg_kpa.is_finite()
 }

@@ -18,9 +18,9 @@ use crate::yardstick::OnWhichRig;
 pub struct FlightSummary {
     /// The flight in one sentence.
     pub headline: String,
-    /// Whether it went as it should.
+    /// Verdict on how the flight went.
     pub verdict: Verdict,
-    /// What a person should look at, a sentence each; empty for a good flight.
+    /// Findings that a person should look at, a sentence each; empty for a good flight.
     pub findings: Vec<String>,
 
     /// `realtime` or `lockstep`; in lockstep there are no deadlines and no lateness.
@@ -104,7 +104,7 @@ pub struct FlightSummary {
     pub compute_us_max: Option<f64>,
     /// Times of the tick's stages (µs).
     pub stages_us: StageFigures,
-    /// How much later than expected the frames came (µs); empty in lockstep.
+    /// Lateness of the frames (µs); empty in lockstep.
     pub lateness_us: DurationFigures,
 }
 
@@ -113,11 +113,11 @@ pub struct FlightSummary {
 pub struct RepetitionFigures {
     /// After this time it repeats itself (s).
     pub period_s: f64,
-    /// How well: 0 for noise, 1 for a pure tone.
+    /// Regularity: 0 for noise, 1 for a pure tone.
     pub regularity: f64,
     /// Amplitude of the part that repeats (kPa).
     pub amplitude_kpa: f64,
-    /// Whether that counts as an oscillation: perhaps a limit cycle.
+    /// True where that counts as an oscillation: perhaps a limit cycle.
     pub oscillating: bool,
 }
 
@@ -239,7 +239,7 @@ impl FlightSummary {
         }
     }
 
-    /// Whether deadlines and lateness mean something.
+    /// Tells whether deadlines and lateness mean something.
     pub fn is_realtime(&self) -> bool {
         self.pacing == "realtime"
     }

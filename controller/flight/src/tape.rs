@@ -1,4 +1,4 @@
-//! Where ticks go: one file, watched while it grows.
+//! Place where ticks go: one file, watched while it grows.
 
 use std::io::ErrorKind;
 use std::os::unix::fs::MetadataExt;
@@ -11,7 +11,7 @@ use crate::record_error::RecordError;
 /// Linux's number for a link that leads in a circle, which the standard library has no stable name for.
 const ELOOP: i32 = 40;
 
-/// Where ticks go: a file, or what tests put in its place.
+/// Place where ticks go: a file, or what tests put in its place.
 pub(crate) trait Tape: Send {
     fn tick(&mut self, tick: &TickRecord) -> Result<(), RecordError>;
     fn event(&mut self, at_ns: u64, level: EventLevel, part: &str, message: &str) -> Result<(), RecordError>;
@@ -31,7 +31,7 @@ pub(crate) struct McapTape {
     partial: PathBuf,
     /// Device and number of the file that is written.
     file: Option<(u64, u64)>,
-    /// Its length at the last look; nobody but this thread makes it longer, nobody may make it shorter.
+    /// Length at the last look; nobody but this thread makes it longer, nobody may make it shorter.
     length: u64,
 }
 

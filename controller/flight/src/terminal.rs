@@ -1,4 +1,4 @@
-//! What a flight prints on a terminal: a line each second, and a table at the end.
+//! Text of a flight on a terminal: a line each second, and a table at the end.
 //!
 //! Plain ASCII in fixed columns, so that it reads the same in a log file and over a serial console.
 

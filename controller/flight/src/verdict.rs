@@ -1,4 +1,4 @@
-//! What a person should think of a flight: findings, a verdict, and one sentence.
+//! Judgement of a flight: findings, a verdict, and one sentence.
 
 use serde::Serialize;
 
@@ -7,7 +7,7 @@ use crate::summary::{FlightSummary, RepetitionFigures};
 use crate::wording;
 use crate::yardstick::{OnWhichRig, Standing};
 
-/// Whether a flight went as it should.
+/// Verdict on a flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
@@ -30,7 +30,7 @@ impl Verdict {
     }
 }
 
-/// What a summary gives reason to look at, the worst first, and the verdict that follows.
+/// Findings that a summary gives reason to look at, the worst first, and the verdict that follows.
 pub(crate) fn findings(summary: &FlightSummary, options: &StatisticsOptions) -> (Verdict, Vec<String>) {
     let mut found: Vec<(Verdict, String)> = Vec::new();
     let mut find = |level: Verdict, when: bool, text: &dyn Fn() -> String| {
@@ -186,9 +186,10 @@ pub(crate) fn headline(summary: &FlightSummary) -> String {
     });
     if let Some(slowest) = summary.compute_us_max {
         let time = wording::short_time(Some(slowest));
-        parts.push(match slowest < 20_000.0 {
-            true => format!("slowest tick {time} of 20 ms"),
-            false => format!("slowest tick {time}, and a tick has 20 ms"),
+        parts.push(if slowest < 20_000.0 {
+            format!("slowest tick {time} of 20 ms")
+        } else {
+            format!("slowest tick {time}, and a tick has 20 ms")
         });
     }
     format!("{}.", parts.join("; "))

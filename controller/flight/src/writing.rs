@@ -31,16 +31,16 @@ const EARLY: usize = 256;
 /// Stands for room that is not known.
 pub(crate) const UNKNOWN_BYTES: u64 = u64::MAX;
 
-/// What the thread and the recorder's handles share.
+/// State that the thread and the recorder's handles share.
 #[derive(Debug)]
 pub(crate) struct State {
     pub(crate) queues: Arc<Queues>,
     /// The order to finish.
     pub(crate) stop: AtomicBool,
     pub(crate) failed: AtomicBool,
-    /// What is wrong now.
+    /// Present faults.
     pub(crate) error: Mutex<Option<String>>,
-    /// Why there is too little room to start anything.
+    /// Reason why there is too little room to start anything.
     pub(crate) no_room: Mutex<Option<String>>,
     /// Bytes that may still be written where recordings go; [`UNKNOWN_BYTES`] before the first look, and where the system does not tell.
     pub(crate) free_bytes: AtomicU64,
@@ -83,7 +83,7 @@ impl State {
         u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX - 1)
     }
 
-    /// How long the disk has not answered; zero while it is not asked.
+    /// Time for which the disk has not answered; zero while it is not asked.
     pub(crate) fn stalled(&self) -> Duration {
         match self.busy_since.load(Ordering::Relaxed) {
             0 => Duration::ZERO,
@@ -98,7 +98,7 @@ impl State {
         done
     }
 
-    /// Whether a run begun now would not be recorded, where the tick can see it.
+    /// Tells the tick whether a run begun now would not be recorded.
     fn tell_tick(&self, unrecorded: bool) {
         self.queues.unrecorded.store(unrecorded, Ordering::Release);
     }

@@ -1,4 +1,4 @@
-//! What a run is measured by: the feed-forward PI on the same rig and reference and, where it is known, the clairvoyant
+//! Yardsticks of a run: the feed-forward PI on the same rig and reference and, where it is known, the clairvoyant
 //! optimum (rig and reference known in advance).
 
 use serde::Serialize;
@@ -20,11 +20,11 @@ pub struct RunYardstick {
     pub fallback_kpa: [Option<f64>; 2],
     /// The clairvoyant optimum.
     pub optimum_kpa: Option<[f64; 2]>,
-    /// Where that was.
+    /// Place where that was.
     pub on: OnWhichRig,
 }
 
-/// How a channel's error stands to the yardstick.
+/// Judgement of a channel's error by the yardstick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Standing {
     /// No worse, within what noise and a real clock do.
@@ -69,7 +69,7 @@ impl OnWhichRig {
 }
 
 impl RunYardstick {
-    /// How an RMSE (kPa) stands to what the fallback reaches on a channel.
+    /// Judges an RMSE (kPa) by what the fallback reaches on a channel.
     pub(crate) fn standing(&self, channel: usize, rmse_kpa: f64) -> Standing {
         let Some(fallback_kpa) = self.fallback_kpa.get(channel).copied().flatten() else { return Standing::Fair };
         let beyond = |margin: Margin| rmse_kpa > margin.times * fallback_kpa && rmse_kpa - fallback_kpa > margin.kpa;

@@ -1,4 +1,4 @@
-//! What runs in the tick allocates nothing.
+//! Proof that what runs in the tick allocates nothing.
 #![allow(clippy::unwrap_used)]
 
 use std::alloc::{GlobalAlloc, Layout, System};

@@ -79,7 +79,7 @@ fn excess(bytes: &[u8], seed: u64) -> f64 {
     (own[0] / fallback[0]).max(own[1] / fallback[1])
 }
 
-/// What became of a policy: refused before the rig at a stage, lost on it with the most authority it had, or active.
+/// Fate of a policy: refused before the rig at a stage, lost on it with the most authority it had, or active.
 fn fate(examiner: &Examiner, bytes: &[u8], seed: u64) -> (String, f64, u32) {
     if let Err(refusal) = examiner.examine_bytes("drawn".into(), bytes, examiner.fallback()) {
         return (format!("refused: {}", refusal.stage.name()), 0.0, 0);

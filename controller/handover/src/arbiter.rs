@@ -52,11 +52,11 @@ const SAME_DUTY: f64 = 1e-6;
 pub struct ArbitratedCommand {
     /// The decision.
     pub decision: ControlOutput,
-    /// What happened to a policy in this tick, to be recorded.
+    /// Event of a policy in this tick, to be recorded.
     pub event: Option<PolicyEvent>,
     /// An order of the publishing thread was carried out in this tick.
     pub ordered: bool,
-    /// What the policy was shown and answered, where one did: the candidate's where it has authority, the incumbent's
+    /// Observation and answer of the policy, where there is one: the candidate's where it has authority, the incumbent's
     /// otherwise.
     pub answer: Option<PolicyAnswer>,
     /// Noise that exploration added to the answer.
@@ -72,7 +72,7 @@ pub enum Trust {
     FallbackOnly,
 }
 
-/// What decides the duties, with everything it remembers.
+/// Arbiter that decides the duties, with everything it remembers.
 pub struct Arbiter {
     incumbent: Seat,
     candidate: Option<(Seat, Stages)>,
@@ -82,7 +82,7 @@ pub struct Arbiter {
     end: TickEnd,
     /// Remainder of a bump.
     remainder: Remainder,
-    /// Whether the next command is the first on another model.
+    /// True where the next command is the first on another model.
     on_new_model: bool,
     /// Changes of what is active since the start.
     swaps: u32,

@@ -41,7 +41,7 @@ impl PolicyTag {
     }
 }
 
-/// How a candidate comes to its authority.
+/// Way in which a candidate comes to its authority.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Haste {
     /// Shadow, ramp, probation.
@@ -55,7 +55,7 @@ pub enum Haste {
 pub struct Candidate {
     /// The policy; `None` for the fallback.
     pub policy: Option<Policy>,
-    /// Its tag.
+    /// Tag.
     pub tag: PolicyTag,
     /// Spread of its exploration.
     pub spread: PolicySpread,
@@ -75,7 +75,7 @@ impl Candidate {
     }
 }
 
-/// What the publishing thread asks of the tick.
+/// Orders of the publishing thread to the tick.
 pub enum Command {
     /// To try a candidate; another one that is on its way is withdrawn. Of what controls already that is all.
     Try(Box<Candidate>, Haste),
@@ -100,7 +100,7 @@ pub enum PolicyEvent {
     NothingBefore,
 }
 
-/// What flies, as of the newest tick.
+/// State of the policies, as of the newest tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Snapshot {
     /// Events told before it: of an event and a snapshot the reader then knows which is the later.
@@ -113,11 +113,11 @@ pub struct Snapshot {
     pub candidate: Option<PolicyTag>,
     /// Predecessor of the incumbent, as in [`Succession::before`].
     pub before: Option<PolicyTag>,
-    /// Its stage, by [`crate::StageNow::code`].
+    /// Stage, by [`crate::StageNow::code`].
     pub stage: u8,
     /// Ticks in it.
     pub stage_ticks: u32,
-    /// Its share of the command, 0 … 1.
+    /// Share of the command, 0 … 1.
     pub authority: f64,
     /// Λ of the sequential test for both channels: +4.6 is a verdict against it, −4.6 passes.
     pub log_ratio: [f64; 2],
@@ -249,7 +249,7 @@ impl StoreEnd {
         self.events.pop()
     }
 
-    /// What flies, if a tick has passed since the last call.
+    /// State of the policies, if a tick has passed since the last call.
     pub fn snapshot(&self) -> Option<Snapshot> {
         self.snapshot.pop()
     }

@@ -1,4 +1,4 @@
-//! What kind of tick it is, by the reference alone: errors are only compared with errors of the same kind.
+//! Kinds of ticks, by the reference alone: errors are only compared with errors of the same kind.
 
 use law::ControlInput;
 use model::observation::{CHANNELS, Pair, TICKS_PER_S};

@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 /// Noise beyond this many standard deviations is cut off there (chosen: one draw in 22).
 const MOST_DEVIATIONS: f64 = 2.0;
 
-/// How exploration is asked for.
+/// Rules of exploration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExplorationRules {
     /// Seed of the noise.
@@ -32,7 +32,7 @@ pub struct ExplorationRules {
     pub most_duty: f64,
 }
 
-/// Where a standard deviation comes from.
+/// Origin of a standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StdOrigin {
@@ -42,23 +42,23 @@ pub enum StdOrigin {
     Configuration,
 }
 
-/// What the tick shows of exploration.
+/// Exploration as the tick shows it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ExplorationShown {
     /// Seed of the noise.
     pub seed: u32,
     /// Standard deviation per channel, in duty.
     pub std_duty: Pair,
-    /// Where it comes from.
+    /// Origin.
     pub std_from: StdOrigin,
     /// The most that is added per channel, in duty.
     pub most_duty: Pair,
 }
 
-/// What a policy's file says about its own distribution.
+/// Spread that a policy's file states of its own distribution.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PolicySpread {
-    /// Of each output; 0 where none is stated.
+    /// Spread of each output; 0 where none is stated.
     stated: Option<[f64; ACTION_LEN]>,
     range_duty: Pair,
 }
@@ -154,7 +154,7 @@ impl Exploration {
         Exploration { shown, plan_std, most_duty: rules.most_duty, state: u64::from(rules.seed) }
     }
 
-    /// What is shown of it.
+    /// Exploration as it is shown.
     pub fn shown(&self) -> ExplorationShown {
         self.shown
     }

@@ -1,18 +1,18 @@
-//! Why a candidate loses its authority, as events carry it and as operators read it.
+//! Reason why a candidate loses its authority, as events carry it and as operators read it.
 
-/// Why a candidate loses its authority.
+/// Reason why a candidate loses its authority.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Loss {
     /// It answered something that is not finite.
     NotFinite = 1,
-    /// Its errors are worse than the incumbent's in like conditions.
+    /// The candidate's errors are worse than the incumbent's in like conditions.
     Worse = 2,
     /// It was not found as good within three minutes on a level.
     Undecided = 3,
     /// The safety filter had to bend commands that it had a part in.
     Filtered = 4,
-    /// Its duties hunt.
+    /// The candidate's duties hunt.
     Hunts = 5,
     /// The pressures went far off.
     FarOff = 6,

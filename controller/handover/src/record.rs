@@ -9,7 +9,7 @@ use crate::conduct::WATCHED_TICKS;
 const WINDOW_TICKS: f64 = 6000.0;
 /// Ticks of a kind from which on its mean counts: two seconds.
 const ENOUGH_TICKS: f64 = 100.0;
-/// What the converter's noise and the pump's ripple leave to the best of controllers, in kPa.
+/// Error that the converter's noise and the pump's ripple leave to the best of controllers, in kPa.
 pub(crate) const FLOOR_KPA: Pair = [0.08, 0.02];
 
 /// A running mean of squares.

@@ -1,4 +1,4 @@
-//! How often a candidate that erred more is tried again, behind the incumbent, before it is refused.
+//! Retrials: a candidate that erred more is tried again, behind the incumbent, before it is refused.
 //!
 //! The reference may have come to a stretch that costs anybody more. Where the incumbent still decides four fifths of the command or more that
 //! is the likelier cause, and where the candidate's part in the commands cannot explain the errors it is the only one.
@@ -20,19 +20,27 @@ pub(crate) struct Retrials {
 }
 
 impl Retrials {
-    /// Grants another one, or none: for a verdict on a level, and whether the candidate's share explains the errors.
+    /// Grants another one, or none, for a verdict on a level whose errors the candidate's share explains.
     ///
     /// # Real-time
     /// May run in the tick.
-    pub(crate) fn grant(&mut self, level: usize, is_explained: bool) -> bool {
+    pub(crate) fn grant_explained(&mut self, level: usize) -> bool {
         let most = if level < SMALL_SHARE_BELOW { RETRIALS_AT_SMALL_SHARE } else { RETRIALS };
-        if !is_explained && self.unblamed < MOST_UNBLAMED {
-            self.unblamed += 1;
-            return true;
-        }
         let granted = self.blamed < most;
         self.blamed += u32::from(granted);
         granted
+    }
+
+    /// Grants another one, or none, for a verdict on a level whose errors the candidate's share does not explain.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub(crate) fn grant_unexplained(&mut self, level: usize) -> bool {
+        if self.unblamed < MOST_UNBLAMED {
+            self.unblamed += 1;
+            return true;
+        }
+        self.grant_explained(level)
     }
 }
 
@@ -42,10 +50,11 @@ mod tests {
 
     #[test]
     fn the_third_verdict_counts_the_fifth_on_a_small_share_and_what_is_not_explained_comes_on_top() {
-        let granted = |level, is_explained| {
+        let granted = |grant: fn(&mut Retrials, usize) -> bool, level| {
             let mut retrials = Retrials::default();
-            (0..100).take_while(|_| retrials.grant(level, is_explained)).count()
+            (0..100).take_while(|_| grant(&mut retrials, level)).count()
         };
-        assert_eq!([granted(4, true), granted(0, true), granted(4, false), granted(0, false)], [2, 4, 5, 7]);
+        assert_eq!([4, 0].map(|level| granted(Retrials::grant_explained, level)), [2, 4]);
+        assert_eq!([4, 0].map(|level| granted(Retrials::grant_unexplained, level)), [5, 7]);
     }
 }

@@ -13,7 +13,7 @@
 
 use model::observation::CHANNELS;
 
-/// How much a candidate may err, and how soon that is held to be known.
+/// Error that a candidate may make, and the evidence by which that is held to be known.
 ///
 /// The loop forgets in half a second, but what a reference costs does not: on two sines the fallback leaves 0.09 kPa for 20 s and 0.4 kPa
 /// for the next 20 s, turn and turn about. With half a second as one piece of evidence of 30 policies as good as the incumbent 8 came through,
@@ -43,10 +43,10 @@ const DECIDED: f64 = 4.605;
 const MOST_EXCESS: f64 = 6.0;
 /// The most that it counts in the plain mean.
 const MOST_PLAIN_EXCESS: f64 = 50.0;
-/// What counts for an error that is no number.
+/// Excess that counts for an error that is no number.
 const NOT_FINITE_EXCESS: f64 = 25.0;
 
-/// What the test says.
+/// Verdict of the test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TestVerdict {
     /// More ticks are needed.
@@ -97,7 +97,7 @@ impl SequentialTest {
         self.refused |= *sum >= DECIDED;
     }
 
-    /// What it says so far.
+    /// Verdict so far.
     pub fn verdict(&self) -> TestVerdict {
         let errs_seldom_but_far =
             self.plain_sum.iter().zip(&self.ticks).any(|(sum, ticks)| *sum > self.rigour.passed_mean * ticks);
@@ -149,7 +149,7 @@ mod tests {
         (TestVerdict::Open, 200_000)
     }
 
-    /// Of 200 candidates as good as the incumbent at most 8 are refused, of 200 that err as much as must be refused at most 8 pass:
+    /// At most 8 of 200 candidates as good as the incumbent are refused, of 200 that err as much as must be refused at most 8 pass:
     /// ε = 1 % each, with three standard deviations of the binomial for the two channels together.
     #[test]
     fn errors_of_the_test_are_what_they_are_set_to() {

@@ -1,4 +1,4 @@
-//! Whether a candidate's part in the commands of a stage is large enough to explain the errors of that stage.
+//! Test whether a candidate's part in the commands of a stage is large enough to explain the errors of that stage.
 
 use model::observation::{CHANNELS, Pair};
 

@@ -9,7 +9,7 @@ pub(crate) const LAST_LEVEL: usize = LEVELS.len() - 1;
 /// The first level behind the recheck, 70 %: from here on a candidate alone can make the rig swing.
 pub(crate) const RECHECKED_LEVEL: usize = LAST_LEVEL - 1;
 
-/// Where a candidate stands.
+/// Stage at which a candidate stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum StageNow {
     /// Computed, not used.
@@ -54,7 +54,7 @@ impl StageNow {
         matches!(self, StageNow::Recheck | StageNow::Retrial)
     }
 
-    /// How strictly errors are judged in it.
+    /// Rigour with which errors are judged in it.
     pub(crate) fn rigour(self) -> Rigour {
         match self {
             StageNow::Ramp(RECHECKED_LEVEL..) | StageNow::Probation => Rigour::ALL,

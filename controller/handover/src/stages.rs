@@ -1,4 +1,4 @@
-//! How much authority a candidate has.
+//! Stages of a candidate's authority.
 
 use model::observation::CHANNELS;
 
@@ -26,10 +26,10 @@ const LEVEL_TICKS: u32 = 100;
 const MOST_LEVEL_TICKS: u32 = 9000;
 /// Ticks in full authority before the way back is given up.
 const PROBATION_TICKS: u32 = 500;
-/// How fast authority moves, a tick: from nothing to all of it in half a second.
+/// Speed of authority, a tick: from nothing to all of it in half a second.
 pub const AUTHORITY_PER_TICK: f64 = 0.04;
 
-/// What comes next.
+/// Next step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Next {
     /// On as it is.
@@ -72,7 +72,7 @@ impl Stages {
         Stages::at(StageNow::Probation, Judged::Unquestioned)
     }
 
-    /// The same way from its beginning: what was proved before the rig was vented is proved again, and what needed no proof
+    /// Way from its beginning: what was proved before the rig was vented is proved again, and what needed no proof
     /// needs none.
     #[must_use]
     pub fn anew(&self) -> Self {
@@ -180,10 +180,12 @@ impl Stages {
         }
         match self.now {
             StageNow::Ramp(level) if self.test.verdict() == TestVerdict::Worse => {
-                match self.retrials.grant(level, self.share.explains_errors()) {
-                    true => self.pass(StageNow::Retrial),
-                    false => Next::Lost(Loss::Worse),
-                }
+                let granted = if self.share.explains_errors() {
+                    self.retrials.grant_explained(level)
+                } else {
+                    self.retrials.grant_unexplained(level)
+                };
+                if granted { self.pass(StageNow::Retrial) } else { Next::Lost(Loss::Worse) }
             }
             _ if self.test.verdict() == TestVerdict::Worse => Next::Lost(Loss::Worse),
             StageNow::Ramp(level) => self.on_level(level),

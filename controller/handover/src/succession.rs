@@ -1,4 +1,4 @@
-//! Who controls, who is on its way and who controlled before, by tags; what an order makes of them.
+//! Policies that control, are on their way or controlled before, by tags; what an order makes of them.
 //!
 //! The tick carries orders out by these rules ([`crate::arbiter`]). Whoever gives an order foresees by the same ones what it
 //! will do behind those that still wait.

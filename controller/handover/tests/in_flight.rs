@@ -10,7 +10,7 @@ use handover::{Candidate, Command, Haste, Loss, PolicyEvent, PolicyTag, StageNow
 use loop_on_bench::{ENVELOPE, Loop, policy};
 use proto::reference::Reference;
 
-/// What the converter's noise makes of a limit of the envelope: five standard deviations, 0.06 and 0.006 kPa each.
+/// Scatter that the converter's noise gives a limit of the envelope: five standard deviations, 0.06 and 0.006 kPa each.
 const SCATTER_KPA: [f64; 2] = [0.3, 0.03];
 /// The largest change of a duty while one controller decides on the paper's reference (0.025), and twice that for the blend.
 const CALM_DUTY: f64 = 0.06;
@@ -267,7 +267,8 @@ fn candidates_can_be_withdrawn_and_replaced_and_nothing_is_freed_in_the_tick() {
 mod thorough {
     use super::*;
 
-    /// What is as good as the incumbent, because it is the incumbent with its weights off by up to 3 %, comes through, whatever the reference.
+    /// A policy that is as good as the incumbent, because it is the incumbent with its weights off by up to 3 %, comes through, whatever
+    /// the reference.
     /// `FLIGHTS=10 cargo test --release --workspace --test in_flight -- --ignored as_good --nocapture` for more.
     #[test]
     #[ignore = "thorough: docs/testing.md"]

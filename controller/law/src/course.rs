@@ -1,4 +1,4 @@
-//! Where on its reference a run is: the approach from where the rig was, then the reference, once or again and again.
+//! Place of a run on its reference: the approach from where the rig was, then the reference, once or again and again.
 
 use model::observation::{GOALS_AHEAD, Pair};
 

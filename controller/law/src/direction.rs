@@ -1,4 +1,4 @@
-//! Which way a planned duty is moving, and how much play the valve seems to have.
+//! Direction in which a planned duty is moving, and the play that the valve seems to have.
 //!
 //! A valve with play of half width `w` follows a duty only after it has reversed by `2w`. Adding `+w` while the
 //! planned duty rises and `−w` while it falls undoes that. `w` is not known, and the model behind the
@@ -28,7 +28,7 @@ use model::valve_path::ValvePath;
 use crate::TICK_S;
 use crate::plays::Plays;
 
-/// How far a plan must come back from its last extreme to count as a reversal, in duty.
+/// Distance by which a plan must come back from its last extreme to count as a reversal, in duty.
 const REVERSAL_DUTY: f64 = 0.0015;
 /// Time constant in seconds with which the compensation changes sides where nothing is known of the valve's lag: a step
 /// would excite the chamber before the valve's lag lets it through.
@@ -37,14 +37,14 @@ const BLEND_S: f64 = 0.1;
 /// tens of percent.
 const KNOWN_BLEND_S: f64 = 0.03;
 /// By how much undoing the lag may change a duty in a tick: a little less than what is let through, as the feed-forward moves as well.
-/// What is cut off would leave the flapper short of the other side of its play.
+/// A part that is cut off would leave the flapper short of the other side of its play.
 const MOST_STEP_DUTY: f64 = 0.8 * MOST_CHANGE_DUTY;
 
 /// Direction of one channel's planned duty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Direction {
     extreme: Option<f64>,
-    /// Which way the plan went last: −1, 1, or 0 where that is not known.
+    /// Direction in which the plan went last: −1, 1, or 0 where that is not known.
     heading: f64,
     way: f64,
     blended: f64,
@@ -108,7 +108,7 @@ impl Direction {
         self.take_path(&path);
     }
 
-    /// What to send for the last plan that was taken in, in half widths of play: the direction with the lag undone.
+    /// Drive for the last plan that was taken in, in half widths of play: the direction with the lag undone.
     pub fn drive(&self) -> f64 {
         self.drive
     }
@@ -159,13 +159,13 @@ impl Direction {
     }
 }
 
-/// How far a duty has come since it last turned round.
+/// Distance that a duty has come since it last turned round.
 ///
 /// A valve with play of half width `w` is engaged again once the duty has come back by `2w`; before, nothing moves.
 /// Turns within [`ReversalTravel::TURN`] are none: noise of the converter makes them in every tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ReversalTravel {
-    /// Where it turned round.
+    /// Duty at which it turned round.
     from: f64,
     /// The furthest it has come since.
     furthest: f64,
@@ -180,7 +180,7 @@ impl From<f64> for ReversalTravel {
 }
 
 impl ReversalTravel {
-    /// How far a duty must come back to have turned round.
+    /// Distance by which a duty must come back to have turned round.
     pub const TURN: f64 = 0.008;
     /// More than this is told as this: the widest play is crossed.
     pub const MOST: f64 = 0.15;
@@ -255,7 +255,7 @@ mod tests {
         assert!(follow(0.7) > 0.99);
     }
 
-    /// What is driven, put through the lag that it undoes, is the direction itself.
+    /// A drive, put through the lag that it undoes, is the direction itself.
     #[test]
     fn a_known_lag_is_undone() {
         let lag_s = 0.08;

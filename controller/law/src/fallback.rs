@@ -32,7 +32,7 @@ use crate::repetitions::Repetitions;
 use crate::rest::{Hold, Rest};
 use crate::{ControlInput, ControlOutput, DutyTerms, TICK_S, saturated};
 
-/// What rounding makes of a duty.
+/// Error of a duty by rounding.
 const ROUNDING_DUTY: f64 = 1e-9;
 
 /// Gains of the fallback.
@@ -46,9 +46,10 @@ pub struct FallbackSettings {
     /// The most that K times what a valve is late may be: how near to swinging the loop is (a bare number; 1.6 swings for
     /// ever with a pure delay).
     pub most_lateness: f64,
-    /// How fast play is learned, in duty/(kPa s).
+    /// Rate at which play is learned, in duty/(kPa s).
     pub play_learning: f64,
-    /// The same where the rig file says anything of the valve's path: what the feed-forward then leaves is hardly play.
+    /// Rate at which play is learned where the rig file says anything of the valve's path, in duty/(kPa s): what the feed-forward
+    /// then leaves is hardly play.
     pub told_play_learning: f64,
     /// The widest play (half width) that is undone, in duty.
     pub widest_play: f64,
@@ -69,7 +70,7 @@ impl FallbackSettings {
         Repetition::new(paths, bandwidths(paths, self))
     }
 
-    /// The same for several references, each kept by itself.
+    /// Learning for several references, each kept by itself.
     pub fn repetitions(&self, map: &SteadyMap) -> Repetitions {
         Repetitions::new(&self.repetition(map))
     }
@@ -92,12 +93,12 @@ impl Default for FallbackSettings {
     }
 }
 
-/// What one tick left for the anti-windup to work with.
+/// State that one tick left for the anti-windup to work with.
 #[derive(Debug, Clone, Copy, Default)]
 struct Pending {
     error_kpa: f64,
     raw: f64,
-    /// Whether the feed-forward itself is within 0 … 1; where no duty holds the goal, nothing may integrate.
+    /// True where the feed-forward itself is within 0 … 1; where no duty holds the goal, nothing may integrate.
     reachable: bool,
     /// Proportional part in duty.
     proportional: f64,
@@ -120,9 +121,9 @@ pub struct Fallback {
     /// Gain of a duty on the pressures in the last tick, in kPa/s per duty.
     gain_kpa_per_s: Pair,
     rest: Rest,
-    /// Whether the rig file says anything of each valve's path.
+    /// True where the rig file says anything of the valve's path, by channel.
     is_known: [bool; CHANNELS],
-    /// What was sent in the last tick.
+    /// Duties that were sent in the last tick.
     sent: [Option<f64>; CHANNELS],
 }
 
@@ -167,7 +168,7 @@ impl Fallback {
         std::mem::replace(&mut self.map, map)
     }
 
-    /// What the last decision leaves for the next flight of the reference.
+    /// Remainder of the last decision for the next flight of the reference.
     ///
     /// # Real-time
     /// May run in the tick.
@@ -225,10 +226,7 @@ impl Fallback {
             // teaches play, the others the rest.
             // On a hold the plan does not say which way the flapper lies; where the width was never known, some of what a step
             // leaves there is play all the same.
-            let shows_play = match self.is_known[c] {
-                true => holds[c] == Hold::Moving,
-                false => holds[c] != Hold::Resting,
-            };
+            let shows_play = if self.is_known[c] { holds[c] == Hold::Moving } else { holds[c] != Hold::Resting };
             let learns = !repeats && shows_play && (0.0..=1.0).contains(&raw);
             if learns && error_kpa.abs() < self.settings.play_gate_kpa[c] {
                 self.play[c].learn(direction, VENT_SIGN[c] * error_kpa);
@@ -319,13 +317,13 @@ impl Fallback {
     }
 }
 
-/// What repetitions have taught for `ahead` ticks from now, in duty.
+/// Duties that repetitions have taught for `ahead` ticks from now, in duty.
 fn learned(situation: &ControlInput, ahead: usize) -> Pair {
     situation.learned_duty.map_or([0.0; CHANNELS], |learned| learned[ahead])
 }
 
-/// What was asked for, less what a limit on the command's speed held back of it: that comes a tick later, and winds nothing up. `sent` is
-/// the tick before; all in duty.
+/// Duty that was asked for, less what a limit on the command's speed held back of it: that comes a tick later, and winds nothing
+/// up. `sent` is the tick before; all in duty.
 fn unheld(raw: f64, applied: f64, sent: Option<f64>) -> f64 {
     let Some(sent) = sent else { return raw };
     let (moved, held_back) = (applied - sent, raw.clamp(0.0, 1.0) - applied);

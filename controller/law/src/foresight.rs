@@ -31,7 +31,7 @@ const CROSSING_LEAD_TICKS: f64 = 1.5;
 /// The least and the most that it looks ahead; a slope needs half a tick to both sides.
 const LEADS_TICKS: [f64; 2] = [0.5, GOALS_AHEAD as f64 - 0.5];
 
-/// Whether a rig file says anything of a valve's path. What it does not state beside that is then taken to be nothing: the valve
+/// Tells whether a rig file says anything of a valve's path. What it does not state beside that is then taken to be nothing: the valve
 /// has been looked at.
 pub fn is_told(path: &ValvePath) -> bool {
     path.is_timed || path.half_width_duty > 0.0
@@ -40,10 +40,10 @@ pub fn is_told(path: &ValvePath) -> bool {
 /// Time after which gas is as warm as it becomes, in s (chosen: many times what a chamber of a litre takes).
 const SETTLED_S: f64 = 60.0;
 
-/// What is known of the gas.
+/// Knowledge of the gas.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Gas {
-    /// Its temperature, tick by tick.
+    /// The gas's temperature, tick by tick.
     Followed,
     /// That the chambers have long been where they are wanted.
     LongSettled,
@@ -55,7 +55,7 @@ pub struct Foresight {
     map: Arc<SteadyMap>,
     /// Ticks that each valve is asked ahead.
     leads: Pair,
-    /// The same without the coil's lag, which is undone where play is crossed.
+    /// Lead without the coil's lag, which is undone where play is crossed.
     play_leads: Pair,
     /// Temperatures of the gas in both chambers in K, where the map's leads look.
     gas_k: Pair,

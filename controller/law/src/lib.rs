@@ -43,13 +43,13 @@ use model::observation::{AHEAD, ActionTrajectory, CHANNELS, GOALS_AHEAD, Pair, T
 /// Length of a control tick in seconds.
 pub const TICK_S: f64 = 1.0 / TICKS_PER_S;
 
-/// What a law knows at a tick.
+/// Knowledge of a law at a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ControlInput {
     /// Measured pressures in kPa gauge.
     pub measured_kpa: Pair,
-    /// What the sensors would read if none of them lagged or swung, in kPa gauge: see [`model::predict::Predictor::observe`].
-    /// What was measured where nobody knows of a lag.
+    /// Readings of sensors that neither lag nor swing, in kPa gauge: see [`model::predict::Predictor::observe`].
+    /// They are the measured ones where nobody knows of a lag.
     pub undelayed_kpa: Pair,
     /// Goals in kPa gauge: now, and the next fifteen ticks.
     pub goals_kpa: [Pair; GOALS_AHEAD + 1],
@@ -59,20 +59,20 @@ pub struct ControlInput {
 }
 
 impl ControlInput {
-    /// What is known where sensors read what is there.
+    /// Knowledge where sensors read what is there.
     pub fn of_measured(measured_kpa: Pair, goals_kpa: [Pair; GOALS_AHEAD + 1]) -> Self {
         ControlInput { measured_kpa, undelayed_kpa: measured_kpa, goals_kpa, learned_duty: None }
     }
 }
 
-/// What makes up the duty of one channel, before limits.
+/// Terms that make up the duty of one channel, before limits.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct DutyTerms {
     /// Feed-forward, or the policy's action (duty).
     pub feed_forward: f64,
-    /// What undoes the valve's play (duty).
+    /// Term that undoes the valve's play (duty).
     pub play: f64,
-    /// What a policy adds to the fallback (duty).
+    /// Correction that a policy adds to the fallback (duty).
     pub correction: f64,
     /// Proportional part (duty).
     pub proportional: f64,
@@ -87,10 +87,10 @@ impl DutyTerms {
     }
 }
 
-/// What a law answers.
+/// Answer of a law.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ControlOutput {
-    /// What makes up the duties, positive and negative channel.
+    /// Terms that make up the duties, positive and negative channel.
     pub parts: [DutyTerms; CHANNELS],
     /// Duties for now and the next five ticks, within 0 … 1; what MPObs rolls ahead at the next tick.
     pub trajectory: ActionTrajectory,

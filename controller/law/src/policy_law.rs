@@ -1,4 +1,4 @@
-//! What a policy is told, and how its answer becomes a duty.
+//! Law of a policy: the observation it is given, and the duty that its answer becomes.
 //!
 //! Under the paper's contract the policy answers duties, and the paper's integral is added (§III-B2):
 //!
@@ -45,7 +45,7 @@ pub struct PolicyLaw {
     history: History,
     /// Duties that were applied, oldest first; the last was in force until now.
     applied: [Pair; PAST],
-    /// Where the applied duties last turned round.
+    /// Duties at which the applied ones last turned round.
     travel: [ReversalTravel; CHANNELS],
     integral: IntegralAction,
     base: ControlOutput,
@@ -71,7 +71,7 @@ impl PolicyLaw {
         }
     }
 
-    /// The same law with the same past for a policy of another layout, whose own integral begins at zero.
+    /// Copy of the law, with its past, for a policy of another layout, whose own integral begins at zero.
     ///
     /// # Real-time
     /// A copy without allocation: may run in the tick.
@@ -102,7 +102,7 @@ impl PolicyLaw {
         }
     }
 
-    /// What the last decision leaves for the next flight of the reference, where it builds on the fallback.
+    /// Remainder of the last decision for the next flight of the reference, where it builds on the fallback.
     ///
     /// # Real-time
     /// May run in the tick.
@@ -110,7 +110,7 @@ impl PolicyLaw {
         self.fallback.left()
     }
 
-    /// What the policy is told and answers.
+    /// Layout of the policy's observations and answers.
     pub fn contract(&self) -> ObservationLayout {
         self.contract
     }

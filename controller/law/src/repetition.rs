@@ -1,6 +1,6 @@
 //! Iterative learning: a reference that is flown again and again is followed better each time.
 //!
-//! What a flight leaves, tick by tick, is taken off in the next by a duty `δ` that is added to the feed-forward. Norm-optimal
+//! The error that a flight leaves, tick by tick, is taken off in the next by a duty `δ` that is added to the feed-forward. Norm-optimal
 //! (Amann, Owens, Rogers, *IEE Proc. D* 143, 1996; Schoellig, Mueller, D'Andrea, *Auton. Robots* 33, 2012):
 //!
 //! ```text
@@ -14,7 +14,7 @@
 //! and used in the next flight, so nothing has to be worked out between flights. The first flight, or as
 //! many as make a minute, teaches the fallback the valves' play and nothing else.
 //!
-//! What is learned belongs to one reference and to one model; [`crate::repetitions`] keeps that of several references. It lies
+//! All that is learned belongs to one reference and to one model; [`crate::repetitions`] keeps that of several references. It lies
 //! beside the law and not in it: what controls may change from flight to flight, and all that build on the fallback are told the same
 //! ([`crate::ControlInput::learned_duty`]).
 
@@ -80,7 +80,7 @@ impl Filters {
     }
 }
 
-/// What a duty of one over the valve's gain (kPa/s per duty), for one tick, does to the pressure at the following ticks, in s.
+/// Effect of a duty of one over the valve's gain (kPa/s per duty), for one tick, on the pressure at the following ticks, in s.
 fn response(path: &ValvePath, bandwidth_per_s: f64) -> [f64; TAPS] {
     let lag_s = path.coil_lag_s + path.armature_lag_s;
     let late_ticks = if is_told(path) { path.delay_s / TICK_S } else { UNKNOWN_LATE_TICKS };
@@ -103,10 +103,10 @@ fn response(path: &ValvePath, bandwidth_per_s: f64) -> [f64; TAPS] {
 /// Choice whether flights of a reference teach the next ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum RepetitionLearning {
-    /// They do not.
+    /// They teach nothing.
     #[default]
     Off,
-    /// They do.
+    /// They teach the next ones.
     On,
 }
 
@@ -115,7 +115,7 @@ pub enum RepetitionLearning {
 pub struct Left {
     /// Errors in kPa; 0 where nothing that is added acts: at a limit, or while something else decides.
     pub error_kpa: Pair,
-    /// What a duty makes of the pressures, in kPa/s per duty.
+    /// Effect of a duty on the pressures, in kPa/s per duty.
     pub gain_kpa_per_s: Pair,
 }
 
@@ -124,7 +124,7 @@ impl Left {
     pub const NOTHING: Left = Left { error_kpa: [0.0; CHANNELS], gain_kpa_per_s: [1.0; CHANNELS] };
 }
 
-/// What has been learned of one reference.
+/// Learning from flights of one reference.
 #[derive(Debug, Clone)]
 pub struct Repetition {
     filters: [Filters; CHANNELS],

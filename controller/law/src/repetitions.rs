@@ -1,4 +1,4 @@
-//! What flights have taught, of several references: each is kept by itself, so that coming back to one does not begin anew.
+//! Learning from flights of several references: each is kept by itself, so that coming back to one does not begin anew.
 //!
 //! All room is taken beforehand. Where a reference comes that is not known, the one that was followed longest ago is forgotten for
 //! it. All of it belongs to one model; another one begins with [`Repetitions::new`].
@@ -10,7 +10,7 @@ use crate::repetition::{Left, Repetition};
 /// References that are known at a time: 700 kB each.
 pub const KEPT_REFERENCES: usize = 4;
 
-/// What is known of one reference.
+/// Knowledge of one reference.
 #[derive(Debug, Clone)]
 struct Kept {
     /// [`proto::reference::Reference::identity`]; `None` while the place is free.
@@ -20,7 +20,7 @@ struct Kept {
     learned: Repetition,
 }
 
-/// What flights of up to [`KEPT_REFERENCES`] references have taught, and which of them is flown.
+/// Learning from flights of up to [`KEPT_REFERENCES`] references, and which of them is flown.
 #[derive(Debug, Clone)]
 pub struct Repetitions {
     kept: [Kept; KEPT_REFERENCES],

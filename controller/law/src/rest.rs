@@ -20,10 +20,10 @@ const MEAN_S: f64 = 0.25;
 /// Time constant in seconds of the slower mean, by which a pressure is seen to stand. Chosen: long beside [`MEAN_S`], and short beside the
 /// half minute in which an integral crosses a play.
 const STANDS_S: f64 = 1.0;
-/// How long a goal has stood still before it counts as a hold, in ticks (chosen: the loop settles in about a second).
+/// Time for which a goal has stood still before it counts as a hold, in ticks (chosen: the loop settles in about a second).
 const STILL_TICKS: u32 = 50;
 
-/// How a channel stands to its goal.
+/// Motion of a channel's goal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Hold {
     /// The goal moves, or has not stood still for long.
@@ -37,7 +37,7 @@ pub enum Hold {
     Resting,
 }
 
-/// Whether each channel rests.
+/// Holds of both channels.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Rest {
     goal_kpa: Pair,
@@ -65,12 +65,17 @@ impl Rest {
             let bands = if self.resting[c] { LEAVES_BANDS } else { 1.0 };
             self.resting[c] = self.still_ticks >= STILL_TICKS && self.mean_kpa[c].abs() < bands * BAND_KPA[c];
         }
-        std::array::from_fn(|c| match self.still_ticks >= STILL_TICKS {
-            false => Hold::Moving,
-            true if self.resting[c] => Hold::Resting,
-            // Three standard deviations of what the readings' noise makes of the difference.
-            true if (self.mean_kpa[c] - self.slow_mean_kpa[c]).abs() < BAND_KPA[c] => Hold::Standing,
-            true => Hold::Settling,
+        std::array::from_fn(|c| {
+            if self.still_ticks < STILL_TICKS {
+                Hold::Moving
+            } else if self.resting[c] {
+                Hold::Resting
+            } else if (self.mean_kpa[c] - self.slow_mean_kpa[c]).abs() < BAND_KPA[c] {
+                // Three standard deviations of what the readings' noise makes of the difference.
+                Hold::Standing
+            } else {
+                Hold::Settling
+            }
         })
     }
 }

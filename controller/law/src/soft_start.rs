@@ -31,7 +31,7 @@ impl SoftStart {
         SoftStart { gap_kpa, duration_s: LONGEST_S * (widest / WIDEST_KPA).min(1.0) }
     }
 
-    /// What to add to the reference at `time_s` after arming, in kPa.
+    /// Offset of the reference at `time_s` after arming, in kPa.
     ///
     /// # Real-time
     /// May run in the tick.
@@ -43,7 +43,7 @@ impl SoftStart {
         self.gap_kpa.map(|gap| gap * share)
     }
 
-    /// How long it takes, in seconds.
+    /// Duration in seconds.
     pub fn duration_s(&self) -> f64 {
         self.duration_s
     }

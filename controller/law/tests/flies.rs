@@ -20,12 +20,12 @@ fn rmse(rig: &str, reference: &Reference, seconds: f64, skip_s: f64, seed: u64) 
     flown(&Rig::builtin(rig).unwrap(), &mut law, reference, [seconds, skip_s], seed)
 }
 
-/// The same of a law that may have flown before.
+/// Errors of a law that may have flown before.
 fn flown(rig: &Rig, law: &mut Fallback, reference: &Reference, seconds: [f64; 2], seed: u64) -> Pair {
     flown_again(rig, (law, None), reference, seconds, seed)
 }
 
-/// The same with what earlier flights have taught.
+/// Errors with what earlier flights have taught.
 fn flown_again(
     rig: &Rig,
     (law, mut repetition): (&mut Fallback, Option<&mut Repetition>),
@@ -213,7 +213,7 @@ fn bench_with(mechanisms: &[(&str, &str, &str)]) -> Rig {
     Rig::from_toml(&(bare.to_toml().unwrap() + &own)).unwrap()
 }
 
-/// What acts on the valves' path is in the rig file, and the fallback uses it: on rigs like the study's two (valve lag 80 ms,
+/// All that acts on the valves' path is in the rig file, and the fallback uses it: on rigs like the study's two (valve lag 80 ms,
 /// play 0.03, warm gas; delay 60 ms, warm gas), and on rigs with one thing each, it leaves at least a third less than one that
 /// is told the nominal rig, once the converter's noise is taken off.
 #[test]

@@ -25,9 +25,9 @@ const PROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
 const TICK_CHANNEL: u64 = 1;
 /// Channel of the daemon's state, behind those of ticks and events.
 const STATE_CHANNEL: u64 = TICK_CHANNEL + 2;
-/// How often the state is told although it has not changed.
+/// Longest time between two tellings of the state, for it is told although it has not changed.
 const STATE_EVERY: Duration = Duration::from_secs(1);
-/// How long a client's words are waited for between two looks for news: half a tick.
+/// Time that a client's words are waited for between two looks for news: half a tick.
 const LOOK: Duration = Duration::from_millis(10);
 
 /// The subprotocol to speak, of those that a client offers.

@@ -53,7 +53,7 @@ impl Request {
         self.headers.iter().find(|(known, _)| known == name).map(|(_, value)| value.as_str())
     }
 
-    /// Whether it was asked for by an address or as `localhost`, and not under the name of some web site that points
+    /// Tells whether it was asked for by an address or as `localhost`, and not under the name of some web site that points
     /// here: pages of others must not read what a viewer on this machine may.
     pub(crate) fn names_this_machine(&self) -> bool {
         let host = self.header("host").unwrap_or_default();

@@ -1,4 +1,4 @@
-//! What is known about the run now, and the last minute of it, for everybody who looks.
+//! State of the run now, and the last minute of it, for everybody who looks.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -55,7 +55,7 @@ pub(crate) struct Known {
     pub(crate) ticks: VecDeque<Seen<TickRecord>>,
     pub(crate) events: VecDeque<Seen<Event>>,
     pub(crate) totals: Totals,
-    /// Why the daemon's stream is not there; `None` while it is.
+    /// Reason why the daemon's stream is not there; `None` while it is.
     pub(crate) trouble: Option<String>,
     /// The daemon's state, and when it was told; none since the stream was last connected.
     state: Option<(DaemonState, Instant)>,
@@ -175,7 +175,7 @@ fn trim<T>(queue: &mut VecDeque<T>, most: usize) {
 pub struct Hub {
     known: Mutex<Known>,
     news: Condvar,
-    /// What the daemon's codes are called.
+    /// Names of the daemon's codes.
     pub(crate) names: CodeNames,
 }
 

@@ -1,4 +1,4 @@
-//! What Prometheus reads: text format 0.0.4.
+//! Metrics for Prometheus: text format 0.0.4.
 
 use std::fmt::Write;
 

@@ -27,7 +27,7 @@ const PICTURE: Duration = Duration::from_millis(100);
 /// A page that hears nothing for this long is sent the age of what it shows.
 const SILENCE: Duration = Duration::from_secs(1);
 
-/// Why there is no server.
+/// Reason why there is no server.
 #[derive(Debug, thiserror::Error)]
 pub enum LiveError {
     /// The address is none.
@@ -35,7 +35,7 @@ pub enum LiveError {
     Address {
         /// As given.
         address: String,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// It cannot be listened on.
@@ -43,7 +43,7 @@ pub enum LiveError {
     Listen {
         /// As given.
         address: String,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
 }
@@ -110,15 +110,15 @@ impl Server {
         Ok(Server { listener, shared })
     }
 
-    /// Where it listens.
+    /// Address at which it listens.
     ///
     /// # Errors
-    /// What the system says.
+    /// The system gives no address.
     pub fn local_addr(&self) -> io::Result<SocketAddr> {
         self.listener.local_addr()
     }
 
-    /// Whether it can be reached from this machine only.
+    /// Tells whether it can be reached from this machine only.
     pub fn is_loopback(&self) -> bool {
         self.shared.names == AskedUnder::ThisMachine
     }

@@ -65,7 +65,7 @@ fn read(mut stream: UnixStream, hub: &Hub, stop: &AtomicBool) -> String {
     "stopped".to_owned()
 }
 
-/// Where the daemon's stream is: beside its operator socket, `controller.sock` and `controller.live.sock`.
+/// Place where the daemon's stream is: beside its operator socket, `controller.sock` and `controller.live.sock`.
 pub fn live_socket(control_socket: &Path) -> PathBuf {
     control_socket.with_extension("live.sock")
 }

@@ -1,4 +1,4 @@
-//! What the page is sent: everything once, then what is new.
+//! Messages to the page: everything once, then what is new.
 
 use std::collections::VecDeque;
 
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use crate::hub::{COMPUTE_EDGES_S, Hub, Known, Seen};
 
-/// What a page has.
+/// Position up to which a page has everything.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Cursor {
     /// Number of the next tick or event that it lacks.
@@ -16,7 +16,7 @@ pub(crate) struct Cursor {
     pub(crate) edition: Option<u64>,
 }
 
-/// What a page lacks, and moves its cursor on.
+/// Gives what a page lacks, and moves its cursor on.
 pub(crate) fn news(hub: &Hub, known: &Known, cursor: &mut Cursor) -> Value {
     let ticks: Vec<Value> = since(&known.ticks, cursor.next).map(|seen| tick(hub, seen)).collect();
     let events: Vec<Value> = since(&known.events, cursor.next)

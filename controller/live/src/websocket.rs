@@ -9,12 +9,12 @@ use crate::http::Request;
 
 /// Longest message taken from a client (bytes): a subscription has about a hundred.
 const LONGEST: usize = 64 * 1024;
-/// What the key of the handshake is hashed with (RFC 6455, 1.3).
+/// Suffix with which the key of the handshake is hashed (RFC 6455, 1.3).
 const GUID: &str = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11";
 /// A frame that has begun must be whole within this, in either direction.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// What a client sent.
+/// Message of a client.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Received {
     /// A text.
@@ -29,13 +29,13 @@ pub(crate) enum Received {
 pub(crate) struct WebSocket {
     stream: TcpStream,
     fragments: Vec<u8>,
-    /// When the client last sent anything.
+    /// Time at which the client last sent anything.
     heard: Instant,
-    /// When it was last asked whether it is there.
+    /// Time at which it was last asked whether it is there.
     pinged: Instant,
 }
 
-/// Whether a request asks for a websocket.
+/// Tells whether a request asks for a websocket.
 pub(crate) fn is_upgrade(request: &Request) -> bool {
     request.header("upgrade").is_some_and(|to| to.eq_ignore_ascii_case("websocket"))
         && request.header("sec-websocket-key").is_some()

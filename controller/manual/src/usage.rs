@@ -5,12 +5,12 @@ use clap::{Arg, Command, CommandFactory, FromArgMatches};
 
 use crate::wrapped;
 
-/// What to say to a command line that does not parse.
+/// Answer to a command line that does not parse.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Explained {
     /// Help or version, for standard output; exit status 0.
     Help(String),
-    /// What is wrong and where to look, for standard error; exit status 2.
+    /// Problem and where to look, for standard error; exit status 2.
     Wrong([String; 2]),
 }
 
@@ -83,7 +83,7 @@ fn about_numbers(line: String) -> String {
     said.unwrap_or(line)
 }
 
-/// What clap says before its usage line, in one line.
+/// Message of clap before its usage line, in one line.
 fn in_one_line(text: &str) -> String {
     let mut line = String::new();
     for part in text.lines().map(str::trim).take_while(|part| !part.starts_with("Usage:")) {

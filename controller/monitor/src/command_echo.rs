@@ -11,7 +11,7 @@ use crate::loss_window::{COMMANDS_TO_VENT, LossWindow, Outcome};
 pub const FRAMES_THAT_DISAGREE: u32 = 3;
 /// The oldest command that may be in force, counted from the newest that was sent: time to live and one tick.
 const OLDEST_IN_FORCE: usize = 3;
-/// How far an echo may differ from the command, in duty: a driver of 8 bits rounds by 0.002 (chosen).
+/// Difference that an echo may have from the command, in duty: a driver of 8 bits rounds by 0.002 (chosen).
 const ECHO_TOLERANCE: f64 = 0.01;
 /// Commands remembered.
 const REMEMBERED: usize = 8;
@@ -19,13 +19,13 @@ const REMEMBERED: usize = 8;
 /// A command as it went out.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SentCommand {
-    /// Its sequence number.
+    /// Sequence number.
     pub sequence: u32,
     /// Duties, positive and negative valve.
     pub duty: Pair,
-    /// Its mode.
+    /// Mode.
     pub mode: Mode,
-    /// Whether it switches the pump on.
+    /// True where it switches the pump on.
     pub pump_on: bool,
 }
 
@@ -69,14 +69,22 @@ impl CommandEcho {
         }
     }
 
+    /// Finds trip bits without a trip, which one frame decides.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub(crate) fn judge_trip_bits(sense: &Sense, found: &mut ConditionSet) {
+        if sense.state != CrioState::Tripped && !sense.trips.is_empty() {
+            found.insert(Condition::TripBits, f64::from(sense.trips.bits()));
+        }
+    }
+
     /// Compares a frame; what disagrees three frames in a row, or off and on, is found.
     ///
     /// # Real-time
     /// May run in the tick.
     pub fn judge(&mut self, sense: &Sense, found: &mut ConditionSet) {
-        if sense.state != CrioState::Tripped && !sense.trips.is_empty() {
-            found.insert(Condition::TripBits, f64::from(sense.trips.bits()));
-        }
+        CommandEcho::judge_trip_bits(sense, found);
         // Before the cRIO can have taken up three commands there is nothing to compare; in a trip none is in force.
         if self.sent.get(OLDEST_IN_FORCE).is_none_or(Option::is_none) || sense.state == CrioState::Tripped {
             *self = CommandEcho { sent: self.sent, ..CommandEcho::new() };

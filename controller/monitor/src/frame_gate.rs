@@ -14,7 +14,7 @@ const AHEAD_OF_CLOCK_TICKS: i64 = 2;
 /// Time by which tick numbers may run ahead of the daemon's own clock, in ns: 100 ms (chosen: above the stall that can have
 /// delayed the first frame, below what moves a reference visibly).
 const AHEAD_OF_ARRIVAL_NS: i64 = 100_000_000;
-/// How fast the origin of [`AHEAD_OF_ARRIVAL_NS`] follows, in ns per tick: 1 %, above any clock's error (chosen).
+/// Speed at which the origin of [`AHEAD_OF_ARRIVAL_NS`] follows, in ns per tick: 1 %, above any clock's error (chosen).
 const FOLLOW_NS: i64 = 200_000;
 /// Frames at the start of a session of which the earliest, against its tick, tells where the ticks stand: one that comes after a stall
 /// of either side tells nothing. Chosen: a stall of 0.2 s is over by then.
@@ -27,34 +27,34 @@ const PERIOD_TOLERANCE_NS: u64 = 2_000_000;
 const RATE_FRAMES: u32 = 50;
 const RATE_WRONG: u32 = 25;
 
-/// Whether arrivals tell the time.
+/// Meaning of arrivals for the time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pacing {
-    /// They do: the cRIO sends 50 frames a second.
+    /// They tell it: the cRIO sends 50 frames a second.
     RealTime,
-    /// They do not: the cRIO waits for every answer.
+    /// They do not tell it: the cRIO waits for every answer.
     Lockstep,
 }
 
-/// Why a frame does not count.
+/// Reason why a frame does not count.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Rejection {
     /// It is the same frame, or an older one, again.
     Stale {
-        /// Its sequence number.
+        /// Sequence number.
         sequence: u32,
     },
-    /// Its sequence number goes on, its tick does not.
+    /// The sequence number goes on, the tick does not.
     TickStands {
-        /// Its tick.
+        /// Tick.
         tick: u32,
     },
-    /// Its clock does not go on.
+    /// The clock does not go on.
     ClockStands {
-        /// Its clock, ns.
+        /// Clock, ns.
         clock_ns: u64,
     },
-    /// Its tick is this many ticks ahead of the time that has passed.
+    /// The tick is this many ticks ahead of the time that has passed.
     TickJumped {
         /// Ticks ahead.
         ahead: i64,
@@ -161,7 +161,7 @@ impl FrameGate {
         Err(rejection)
     }
 
-    /// Whether the cRIO samples at another rate than 50 Hz, with the rate in Hz.
+    /// Condition that the cRIO samples at another rate than 50 Hz, with the rate in Hz; `None` where it does not.
     ///
     /// # Real-time
     /// May run in the tick.
@@ -171,12 +171,11 @@ impl FrameGate {
             && (self.wrong_periods & ((1 << RATE_FRAMES) - 1)).count_ones() > RATE_WRONG;
         // Ticks that come faster than time passes, whatever the cRIO's own clock says.
         let fast = self.ahead_ns > AHEAD_OF_ARRIVAL_NS;
-        let period_ns = match wrong {
-            true => self.period_ns as f64,
-            false => {
-                let ticks_ns = f64::from(self.since_origin.saturating_sub(ORIGIN_FRAMES)) * TICK_NS as f64;
-                TICK_NS as f64 * (1.0 - self.ahead_ns as f64 / ticks_ns.max(TICK_NS as f64))
-            }
+        let period_ns = if wrong {
+            self.period_ns as f64
+        } else {
+            let ticks_ns = f64::from(self.since_origin.saturating_sub(ORIGIN_FRAMES)) * TICK_NS as f64;
+            TICK_NS as f64 * (1.0 - self.ahead_ns as f64 / ticks_ns.max(TICK_NS as f64))
         };
         (wrong || fast).then(|| (Condition::SampleRate, 1e9 / period_ns.max(1.0)))
     }

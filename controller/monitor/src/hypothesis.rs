@@ -28,7 +28,7 @@ pub(crate) struct Way {
     pub(crate) foreseen_kpa: f64,
 }
 
-/// What is left of a tick between a chamber's ways under two commands, with a rig that is slower by `factor` (1: as quick).
+/// Distance that is left of a tick between a chamber's ways under two commands, with a rig that is slower by `factor` (1: as quick).
 pub(crate) fn left_kpa(ways: [Way; 2], factor: f64) -> f64 {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for way in ways {
@@ -85,7 +85,7 @@ impl HypothesisModels {
     }
 }
 
-/// How far the readings of one channel contradict a hypothesis.
+/// Measure of how far the readings of one channel contradict a hypothesis.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Contradiction {
     pub(crate) sums: ModelResidual,

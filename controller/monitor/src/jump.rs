@@ -2,12 +2,12 @@
 
 use crate::loss_window::{LossWindow, Outcome};
 
-/// How far a reading may be from all that it could be, in kPa (chosen: a reading is believed neither way beyond it).
+/// Distance that a reading may have from all that it could be, in kPa (chosen: a reading is believed neither way beyond it).
 pub const JUMP_KPA: f64 = 10.0;
 /// Ticks in a row in which a jump must stand before the rig is vented for it; one that comes and goes is counted as well.
 const TICKS: u32 = 3;
 
-/// What a reading is worth.
+/// Worth of a reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Worth {
     /// It is where it can be.

@@ -1,6 +1,6 @@
 //! A command as a slow valve would follow it: two ticks late, then a first-order lag.
 //!
-//! What a model knows least is how fast a command becomes a flow: delays on the way, the coil, the armature. So the model
+//! Least known to a model is how fast a command becomes a flow: delays on the way, the coil, the armature. So the model
 //! is run twice, under the command as sent and under this one; a reading between both forecasts contradicts neither.
 
 use model::observation::Pair;

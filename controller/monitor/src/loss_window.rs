@@ -1,4 +1,4 @@
-//! How many of the last 100 ticks were bad.
+//! Number of bad ticks among the last 100.
 
 /// Ticks that count.
 pub const WINDOW: u32 = 100;
@@ -25,12 +25,12 @@ pub struct LossWindow {
     bits: u128,
 }
 
-/// Whether a tick was as it should be.
+/// Outcome of a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
-    /// It was.
+    /// The tick was as it should be.
     Good,
-    /// It was not.
+    /// The tick was not as it should be.
     Bad,
 }
 

@@ -26,7 +26,7 @@ const ENOUGH_RECORD: f64 = 500.0;
 /// Ticks after arming in which the limits are [`ARMING_TIMES`] as wide: 2 s from the atmosphere to the reference, and the
 /// half second over which sums go back.
 const ARMING_TICKS: u32 = 125;
-/// What the model leaves out (lag, backlash, warm gas) moves the pressures most while the chambers fill (measured on 6 rigs
+/// Effects that the model leaves out (lag, backlash, warm gas) move the pressures most while the chambers fill (measured on 6 rigs
 /// around `bench`: at most 9.9 kPa in five ticks and 27 kPa in half a second, against 3.4 and 16 kPa later; on a rig whose valves
 /// lag by 80 ms and have play, armed again after an experiment, 26.7 kPa; on 16 rigs of which each part is up to 20 % off, 38.5 kPa).
 /// A reading that stands is found by a limit of its own.
@@ -46,14 +46,14 @@ const SETTLING_TICKS: u32 = ARMING_TICKS + 500;
 /// Limits in multiples of the recorded scatter (chosen; see the figures in `docs/safety.md`).
 const TIMES_SCATTER: f64 = 5.0;
 
-/// How large residuals may be, in kPa.
+/// Limits of residuals, in kPa.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// Of the sum over five ticks: for a model without errors, and for any.
+    /// Limit of the sum over five ticks: for a model without errors, and for any.
     pub short_kpa: [f64; 2],
-    /// Of the sum over half a second: for a model without errors, and for any.
+    /// Limit of the sum over half a second: for a model without errors, and for any.
     pub long_kpa: [f64; 2],
-    /// Of what the model foresees in half a second of a reading that stands (`crate::standing`).
+    /// Limit of what the model foresees in half a second of a reading that stands (`crate::standing`).
     pub standing_kpa: f64,
 }
 

@@ -80,7 +80,7 @@ fn lagging(rig: &Rig) -> Option<Rig> {
     (lagging.mechanisms.len() > rig.mechanisms.len()).then_some(lagging)
 }
 
-/// How the rig vents, by its model: where it comes to rest, and how long its readings take for half of the way.
+/// Venting of the rig by its model: where it comes to rest, and how long its readings take for half of the way.
 fn vent(rig: &Rig) -> Result<VentModel, RigError> {
     let relay = Plant::<f64>::new(rig)?.inputs().iter().any(|i| i.column == DualPressurePorts::PUMP_ON);
     // Without a relay the pump runs on, into open valves.

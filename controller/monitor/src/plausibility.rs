@@ -16,7 +16,7 @@ use crate::reference_motion::ReferenceMotion;
 use crate::tracking::Tracking;
 use crate::vent_check::VentCheck;
 
-/// How far a chamber may read on the wrong side of the atmosphere, in kPa: offset of the sensor and of its wire (chosen).
+/// Distance that a chamber may read on the wrong side of the atmosphere, in kPa: offset of the sensor and of its wire (chosen).
 const WRONG_SIDE_KPA: f64 = 5.0;
 /// Lower end of what the negative chamber can read, in kPa gauge: a vacuum, less [`WRONG_SIDE_KPA`].
 const BELOW_VACUUM_KPA: f64 = -101.325 - WRONG_SIDE_KPA;
@@ -25,21 +25,21 @@ const MODEL: [Condition; CHANNELS] = [Condition::ModelPositive, Condition::Model
 const SUSPECT: [Condition; CHANNELS] = [Condition::SuspectPositive, Condition::SuspectNegative];
 const FROZEN: [Condition; CHANNELS] = [Condition::FrozenPositive, Condition::FrozenNegative];
 
-/// Whether the valves were being controlled in the tick before.
+/// Phase of the tick before: controlled or not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
-    /// They were.
+    /// The valves were being controlled.
     Controlled,
     /// Both vents were open.
     Vented,
 }
 
-/// Whether readings are held against the model.
+/// Use of the model: whether readings are held against it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Foresight {
-    /// They are: under closed-loop control a wrong reading drives the true pressure away.
+    /// Readings are held against it: under closed-loop control a wrong reading drives the true pressure away.
     Judged,
-    /// They are not: commands are played open loop, often to find out where the model is wrong.
+    /// Readings are not held against it: commands are played open loop, often to find out where the model is wrong.
     Unjudged,
 }
 
@@ -50,7 +50,7 @@ pub struct Frame<'a> {
     pub sense: &'a Sense,
     /// Readings in kPa gauge; `None` for a voltage that no sound sensor gives.
     pub readings_kpa: [Option<f64>; CHANNELS],
-    /// Whether the valves were being controlled.
+    /// Phase of the tick before.
     pub phase: Phase,
 }
 
@@ -69,7 +69,7 @@ pub struct Monitor {
     tracking: Tracking,
     tracked: ConditionSet,
     vent: VentCheck,
-    /// Whether the models' state comes from the tick before.
+    /// True where the models' state comes from the tick before.
     foresees: bool,
     foresight: Foresight,
     /// Phase of the newest frame.
@@ -179,6 +179,15 @@ impl Monitor {
             self.foresees = false;
         }
         believed
+    }
+
+    /// Finds what one frame decides without any other: readings that no such chamber can have, and trip bits without a trip.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn judge_alone(sense: &Sense, readings_kpa: [Option<f64>; CHANNELS], found: &mut ConditionSet) {
+        ranges(readings_kpa, found);
+        CommandEcho::judge_trip_bits(sense, found);
     }
 
     /// Puts what a reading could be at the least in the place of one that jumped; which did.

@@ -1,4 +1,4 @@
-//! How fast the references have moved of late: what a model leaves at rest says nothing of what it leaves in a step.
+//! Speed of the references of late: what a model leaves at rest says nothing of what it leaves in a step.
 
 use model::observation::{CHANNELS, Pair, TICKS_PER_S};
 

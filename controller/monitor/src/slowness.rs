@@ -1,4 +1,4 @@
-//! How many times slower a chamber is than its model: a larger volume than the file states, found while it moves.
+//! Ratio by which a chamber is slower than its model: a larger volume than the file states, found while it moves.
 //!
 //! ```text
 //! k = Σ m a / Σ m²        a: way of the reading in a tick, m: way that the model foresaw
@@ -13,7 +13,7 @@ const QUICK: f64 = 0.5;
 /// Weight of "as quick as the model" at the beginning, in kPa²: a chamber's first ticks, some kPa each, are to decide (chosen).
 const BEGINNING: f64 = 9.0;
 
-/// The same weight for a model that was compared with the rig, in kPa²: that of a rig's whole way from the atmosphere to its
+/// Weight for a model that was compared with the rig, in kPa²: that of a rig's whole way from the atmosphere to its
 /// reference (chosen; on `dual_pressure` it is 200 to 900).
 const COMPARED: f64 = 900.0;
 

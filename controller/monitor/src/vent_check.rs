@@ -37,10 +37,10 @@ const FRAMES_RISEN: u32 = 3;
 /// (chosen: well above what a bias, or a pump that runs on against another muffler than the model's, leaves).
 const UNDER_PRESSURE_KPA: f64 = 30.0;
 
-/// How a rig vents, by its model.
+/// Venting of a rig, by its model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VentModel {
-    /// Where it comes to rest with both vents open, kPa gauge.
+    /// Pressures at which it comes to rest with both vents open, kPa gauge.
     pub rest_kpa: Pair,
     /// Ticks in which its readings make half of the way there.
     pub half_ticks: [u32; CHANNELS],

@@ -52,7 +52,7 @@ pub const SUPPORTED_OPS: [&str; 20] = [
 
 /// Operations a policy may need in a tick, about 0.1 ms; 84-256-256-12 needs 0.14 million.
 const MOST_OPERATIONS: u64 = 2_000_000;
-/// What one activation costs, in multiply-adds of a dense layer: `benches/run.rs` measured 70 for tanh,
+/// Cost of one activation, in multiply-adds of a dense layer: `benches/run.rs` measured 70 for tanh,
 /// 150 for softplus, 1 for relu.
 const ACTIVATION_OPERATIONS: u64 = 100;
 /// Numbers that folded constants may hold together, twice what the largest file can.

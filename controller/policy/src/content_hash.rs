@@ -1,4 +1,4 @@
-//! Whether a file's bytes are still those that its exporter wrote.
+//! Check that a file's bytes are still those that its exporter wrote.
 //!
 //! The metadata may hold `content_sha256`: the SHA-256 of the whole file, taken with the 64 digits of that value itself
 //! at `0`. A file of `trainer` also says `export_format` = `2`, which promises that the hash is there; so neither key can

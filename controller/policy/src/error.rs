@@ -1,4 +1,4 @@
-//! Why a policy file is refused: one line each, with the mend.
+//! Reason why a policy file is refused: one line each, with the mend.
 
 use std::io;
 use std::path::PathBuf;
@@ -15,11 +15,11 @@ use crate::wording::{listed, versions};
 pub struct PolicyError {
     /// The file as the caller named it.
     pub file: PathBuf,
-    /// What is wrong with it.
+    /// The fault.
     pub fault: Fault,
 }
 
-/// What is wrong with a policy file.
+/// Faults of a policy file.
 ///
 /// Names that come from the file are shown quoted and escaped, so that a message stays one line.
 #[derive(Debug, thiserror::Error)]
@@ -28,7 +28,7 @@ pub enum Fault {
     /// The file cannot be read.
     #[error("cannot be read ({source}); check the name and the permissions")]
     Unreadable {
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// A directory, pipe or device.
@@ -67,7 +67,7 @@ pub enum Fault {
     /// The outer frame is sound, something inside is not.
     #[error("is damaged inside ({reason}); copy or export it again")]
     Damaged {
-        /// What the decoder said, on one line.
+        /// Message of the decoder, on one line.
         reason: String,
     },
     /// A model without a graph.
@@ -82,11 +82,11 @@ pub enum Fault {
     /// More nodes than any policy has.
     #[error("has {found} {what}, more than {limit}; export the actor network alone")]
     TooMany {
-        /// What there is too much of.
+        /// Thing of which there is too much.
         what: &'static str,
-        /// How many.
+        /// Number found.
         found: usize,
-        /// How many are allowed.
+        /// Number allowed.
         limit: usize,
     },
     /// More than one real input, or none.
@@ -106,9 +106,9 @@ pub enum Fault {
     PortType {
         /// `input` or `output`.
         port: &'static str,
-        /// Its name in the graph.
+        /// Name in the graph.
         name: String,
-        /// Its type in the graph.
+        /// Type in the graph.
         found: &'static str,
     },
     /// The input or output has no two-dimensional shape with a batch of one (or any).
@@ -116,9 +116,9 @@ pub enum Fault {
     PortShape {
         /// `input` or `output`.
         port: &'static str,
-        /// Its name in the graph.
+        /// Name in the graph.
         name: String,
-        /// Its shape as declared.
+        /// Shape as declared.
         found: String,
         /// Width that the contract asks for.
         expected: usize,
@@ -128,9 +128,9 @@ pub enum Fault {
         "input {name:?} takes {found} values, observation layout v{contract} has {expected}; train and export with the observations of layout v{contract}"
     )]
     InputWidth {
-        /// Its name in the graph.
+        /// Name in the graph.
         name: String,
-        /// Its width.
+        /// Width.
         found: usize,
         /// The contract's width.
         expected: usize,
@@ -142,9 +142,9 @@ pub enum Fault {
         "output {name:?} gives {found} values, observation layout v{contract} has {expected}; train and export with the actions of layout v{contract}"
     )]
     OutputWidth {
-        /// Its name in the graph.
+        /// Name in the graph.
         name: String,
-        /// Its width.
+        /// Width.
         found: usize,
         /// The contract's width.
         expected: usize,
@@ -154,7 +154,7 @@ pub enum Fault {
     /// The declared output width is not what the layers compute.
     #[error("output {name:?} is declared with {declared} values and its layers compute {computed}; export it again")]
     OutputDeclaration {
-        /// Its name in the graph.
+        /// Name in the graph.
         name: String,
         /// Width in the declaration.
         declared: usize,
@@ -166,7 +166,7 @@ pub enum Fault {
     UnsupportedOp {
         /// The node's name.
         node: String,
-        /// Its operator, with the domain where it is not the standard one.
+        /// Operator, with the domain where it is not the standard one.
         op: String,
     },
     /// Branches or joins.
@@ -174,9 +174,9 @@ pub enum Fault {
     NotAChain {
         /// The node's name.
         node: String,
-        /// Its operator.
+        /// Operator.
         op: String,
-        /// Which rule of a chain it breaks.
+        /// Rule of a chain that it breaks.
         how: &'static str,
     },
     /// A value that no earlier node makes.
@@ -184,7 +184,7 @@ pub enum Fault {
     UnknownValue {
         /// The node's name.
         node: String,
-        /// Its operator.
+        /// Operator.
         op: String,
         /// The value it reads.
         value: String,
@@ -202,7 +202,7 @@ pub enum Fault {
     OutputNotLast {
         /// The declared output.
         name: String,
-        /// Where the chain ends.
+        /// Place where the chain ends.
         last: String,
     },
     /// A node with the wrong number of inputs or outputs.
@@ -210,11 +210,11 @@ pub enum Fault {
     Arity {
         /// The node's name.
         node: String,
-        /// Its operator.
+        /// Operator.
         op: String,
         /// `inputs` or `outputs`.
         side: &'static str,
-        /// How many.
+        /// Number found.
         found: usize,
     },
     /// An attribute that the kernel does not know, or with a value it cannot follow.
@@ -222,11 +222,11 @@ pub enum Fault {
     Attribute {
         /// The node's name.
         node: String,
-        /// Its operator.
+        /// Operator.
         op: String,
         /// The attribute's name.
         attribute: String,
-        /// What is wrong and the mend.
+        /// Problem and mend.
         problem: &'static str,
     },
     /// Operands whose sizes do not meet.
@@ -234,13 +234,13 @@ pub enum Fault {
     Sizes {
         /// The node's name.
         node: String,
-        /// Its operator.
+        /// Operator.
         op: String,
         /// Width of the running value.
         width: usize,
         /// Shape of the constant.
         dims: Vec<usize>,
-        /// What would fit.
+        /// Mend that would fit.
         mend: &'static str,
     },
     /// A value divided by a constant zero.
@@ -256,23 +256,23 @@ pub enum Fault {
     ClipBounds {
         /// The node's name.
         node: String,
-        /// Its lower bound.
+        /// Lower bound.
         low: f32,
-        /// Its upper bound.
+        /// Upper bound.
         high: f32,
     },
     /// A constant of a type that the operator does not take.
     #[error("weight {tensor:?} is {found}; export the policy in float32")]
     WeightType {
-        /// Its name.
+        /// Name.
         tensor: String,
-        /// Its type.
+        /// Type.
         found: &'static str,
     },
     /// A weight that is NaN or infinite.
     #[error("weight {tensor:?} holds {value} at place {index}; training diverged: export an earlier checkpoint")]
     WeightNotFinite {
-        /// Its name.
+        /// Name.
         tensor: String,
         /// Place in row-major order.
         index: usize,
@@ -282,9 +282,9 @@ pub enum Fault {
     /// A weight whose data do not fill its shape.
     #[error("weight {tensor:?} has shape {dims:?} and {bytes} bytes of data; export it again")]
     WeightSize {
-        /// Its name.
+        /// Name.
         tensor: String,
-        /// Its shape.
+        /// Shape.
         dims: Vec<i64>,
         /// Bytes of data in the file.
         bytes: usize,
@@ -313,9 +313,9 @@ pub enum Fault {
         "says sha256 {stated:.16} of itself and has {found:.16}: a byte has changed since it was exported; copy or export it again"
     )]
     ContentHash {
-        /// What its metadata say.
+        /// Hash that its metadata state.
         stated: String,
-        /// What its bytes give.
+        /// Hash of its bytes.
         found: String,
     },
     /// A file of an exporter that writes a hash, without one.
@@ -335,7 +335,7 @@ pub enum Fault {
         versions(known)
     )]
     ContractUnknown {
-        /// What the file says.
+        /// Value that the file states.
         found: String,
         /// Versions that the caller handed in.
         known: Vec<u32>,
@@ -347,9 +347,9 @@ pub enum Fault {
     MetadataContradicts {
         /// The key.
         key: &'static str,
-        /// What the file says.
+        /// Value that the file states.
         found: String,
-        /// What the contract says.
+        /// Value that the contract states.
         expected: String,
         /// The contract's version.
         contract: u32,
@@ -361,7 +361,7 @@ pub enum Fault {
         key: &'static str,
         /// Number of the pair, from 1.
         pair: usize,
-        /// What is wrong.
+        /// The problem.
         problem: GoldenProblem,
     },
     /// The policy does not reproduce a golden pair.
@@ -373,9 +373,9 @@ pub enum Fault {
         pair: usize,
         /// Place in the output.
         output: usize,
-        /// What the kernel gives.
+        /// Value of the kernel.
         ours: f32,
-        /// What the file says.
+        /// Value that the file states.
         expected: f32,
     },
     /// The kernel gives no action on a golden pair.
@@ -383,13 +383,13 @@ pub enum Fault {
     GoldenRefused {
         /// Number of the pair, from 1.
         pair: usize,
-        /// What the kernel said.
+        /// Refusal of the kernel.
         refused: Refused,
     },
     /// tract cannot load what the kernel can.
     #[error("is refused by the second reader, tract ({reason}); export it again with opset 17")]
     OracleRefused {
-        /// What tract said, on one line.
+        /// Message of tract, on one line.
         reason: String,
     },
     /// Kernel and tract compute different actions.
@@ -401,9 +401,9 @@ pub enum Fault {
         probe: usize,
         /// Place in the output.
         output: usize,
-        /// What the kernel gives.
+        /// Value of the kernel.
         ours: f32,
-        /// What tract gives.
+        /// Value of tract.
         tract: f32,
     },
     /// An output leaves what the actuator takes.
@@ -427,7 +427,7 @@ pub enum Fault {
     ProbeRefused {
         /// Number of the probe.
         probe: usize,
-        /// What the kernel said.
+        /// Refusal of the kernel.
         refused: Refused,
     },
 }

@@ -41,7 +41,7 @@ impl fmt::Debug for PolicyHash {
     }
 }
 
-/// Whether a name may stand for a file elsewhere.
+/// Permission for a name to stand for a file elsewhere.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Links {
     /// A symbolic link is followed: a person named the file.

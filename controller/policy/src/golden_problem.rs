@@ -1,6 +1,6 @@
-//! Why the golden pairs in a file's metadata cannot be read.
+//! Reason why the golden pairs in a file's metadata cannot be read.
 
-/// What is wrong with a golden pair.
+/// Faults of a golden pair.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GoldenProblem {
     /// Only one of the two keys is there, or they hold different numbers of pairs.
@@ -22,7 +22,7 @@ pub enum GoldenProblem {
     /// Something that is no finite number.
     #[error("{text:?} is no finite number")]
     Number {
-        /// What stands there.
+        /// Text that stands there.
         text: String,
     },
 }

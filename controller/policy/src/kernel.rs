@@ -37,7 +37,7 @@ pub(crate) struct Dense {
     bias: Box<[Line]>,
 }
 
-/// What an elementwise constant does to the running value `x`.
+/// Operation of an elementwise constant on the running value `x`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Arithmetic {
     /// `x + c`

@@ -1,4 +1,4 @@
-//! What a policy says about itself: ONNX `metadata_props`, all of them optional.
+//! Metadata of a policy: ONNX `metadata_props`, all of them optional.
 //!
 //! | key | holds | if it is there |
 //! | --- | --- | --- |
@@ -22,7 +22,7 @@ use crate::wording::shown;
 /// Golden pairs that are read; more only make loading slow.
 const MOST_GOLDEN_PAIRS: usize = 256;
 
-/// What a list in the metadata tells about the values.
+/// Meaning of a list in the metadata.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Told {
     /// One unit for all of them, or one for each.

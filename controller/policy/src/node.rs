@@ -102,7 +102,7 @@ impl<'a> Node<'a> {
         }
     }
 
-    /// What a `Constant` node holds.
+    /// Value that a `Constant` node holds.
     pub(crate) fn constant(&self) -> Result<Constant, Fault> {
         let [attribute] = self.proto.attribute.as_slice() else {
             return Err(self.attribute_fault("value", "not exactly once; export it again"));

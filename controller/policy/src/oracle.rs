@@ -28,7 +28,7 @@ pub(crate) fn decode(bytes: &[u8]) -> Result<ModelProto, Fault> {
     guarded(|| onnx().proto_model_for_read(&mut &bytes[..])).map_err(|reason| Fault::Damaged { reason })
 }
 
-/// What tract computes for every probe in range: rows of the contract's outputs.
+/// Computes by tract the answers to every probe in range: rows of the contract's outputs.
 ///
 /// # Errors
 /// [`Fault::OracleRefused`].

@@ -17,14 +17,14 @@ use crate::{chain, graph_signature, rounding};
 /// Largest difference to tract on a probe. Two orders of summation of 256 products of order one differ
 /// by about 1e-6; an error in an operator or in the packing shows as 1e-3 and more.
 const ORACLE_TOLERANCE: f32 = 1e-5;
-/// What a policy that amplifies rounding may differ beyond that, in standard deviations of its own
+/// Difference that a policy which amplifies rounding may have beyond that, in standard deviations of its own
 /// rounding. Measured over 80 networks whose features scale 10 kPa down to 0.1 kPa to one: at most 0.6.
 const ROUNDING_DEVIATIONS: f64 = 4.0;
-/// What no policy may differ, however it amplifies.
+/// Difference that no policy may have, however it amplifies.
 const MOST_DIFFERENCE: f64 = 1e-3;
 /// Largest difference to a golden pair, which another program computed and printed.
 const GOLDEN_TOLERANCE: f32 = 1e-4;
-/// How far an output may leave its range by rounding, `0.5 tanh + 0.5` for example.
+/// Distance by which an output may leave its range by rounding, `0.5 tanh + 0.5` for example.
 const RANGE_TOLERANCE: f32 = 1e-5;
 /// Runs that bring weights and code into the caches.
 const WARM_UP_RUNS: usize = 32;
@@ -42,7 +42,7 @@ pub struct Policy {
     kernel: Kernel,
 }
 
-/// What the checks at load found.
+/// Findings of the checks at load.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Checks {
     /// Probes on which the policy was run.
@@ -165,12 +165,12 @@ impl Policy {
         &self.contract
     }
 
-    /// What the file says about itself.
+    /// Metadata of the file.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
 
-    /// What the checks found.
+    /// Findings of the checks.
     pub fn checks(&self) -> &Checks {
         &self.checks
     }
@@ -253,7 +253,7 @@ impl Policy {
     }
 }
 
-/// How many values a contract has on one side, with the first and the last name: `takes 84 (p_pos[-10] to ref_neg[15])`.
+/// Number of values that a contract has on one side, with the first and the last name: `takes 84 (p_pos[-10] to ref_neg[15])`.
 fn ends(verb: &str, channels: &[Channel]) -> String {
     match channels {
         [] => format!("{verb} nothing"),

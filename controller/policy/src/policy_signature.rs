@@ -1,4 +1,4 @@
-//! What a policy must take and give: channels in order, their units and physical ranges, the rate.
+//! Inputs and outputs that a policy must have: channels in order, their units and physical ranges, the rate.
 //!
 //! A contract has a version, so that a second layout of observations can stand beside the first and a
 //! policy trained for one is never flown with the other. The numbers themselves are the model's; this

@@ -1,4 +1,4 @@
-//! Why one inference gave no action.
+//! Reason why one inference gave no action.
 
 /// One inference that gave no action; the caller flies its fallback this tick.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -22,7 +22,7 @@ pub enum Refused {
     /// An observation is NaN or infinite.
     #[error("observation {index} is {value}")]
     InputNotFinite {
-        /// Its place in the observation.
+        /// Place in the observation.
         index: usize,
         /// The value.
         value: f32,
@@ -30,7 +30,7 @@ pub enum Refused {
     /// An action is NaN or infinite.
     #[error("action {index} is {value}")]
     OutputNotFinite {
-        /// Its place in the action.
+        /// Place in the action.
         index: usize,
         /// The value.
         value: f32,

@@ -1,4 +1,4 @@
-//! How far two correct f32 programs may differ on one input.
+//! Bound on how far two correct f32 programs differ on one input.
 //!
 //! A policy that is told small changes of large pressures (1 kPa scaled to 1, say) amplifies rounding: on a probe whose
 //! pressures jump from tick to tick two sound programs then differ by more than 1e-5. The scatter of a value `z`, for

@@ -1,4 +1,4 @@
-//! What the trainer exports, the daemon flies: through tract and the kernel, under both contracts.
+//! All that the trainer exports, the daemon flies: through tract and the kernel, under both contracts.
 #![allow(clippy::unwrap_used, clippy::panic)] // a test's own set-up
 
 mod flown;

@@ -14,7 +14,7 @@ use policy::Policy;
 
 const TOLERANCE: f32 = 1e-5;
 
-/// Whether Python has what the script imports; says so once where not.
+/// Tells whether Python has what the script imports; says so once where not.
 fn available() -> bool {
     let probe = Command::new("python3").args(["-c", "import numpy, onnx, onnxruntime"]).output();
     let found = probe.is_ok_and(|output| output.status.success());

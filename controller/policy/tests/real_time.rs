@@ -1,4 +1,4 @@
-//! What the tick needs: no allocation, no NaN in or out, a policy that can change threads.
+//! Needs of the tick: no allocation, no NaN in or out, a policy that can change threads.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 mod onnx;

@@ -10,7 +10,7 @@ use std::process::Command;
 use flown::contracts;
 use policy::Policy;
 
-/// Whether Python has what the script imports; says so once where not.
+/// Tells whether Python has what the script imports; says so once where not.
 fn available() -> bool {
     let probe = Command::new("python3").args(["-c", "import onnx, stable_baselines3, torch"]).output();
     let found = probe.is_ok_and(|output| output.status.success());

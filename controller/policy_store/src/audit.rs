@@ -1,4 +1,4 @@
-//! Who did what to which policy: one JSON object a line, each with the SHA-256 of the line before it.
+//! Audit of who did what to which policy: one JSON object a line, each with the SHA-256 of the line before it.
 //!
 //! The file stands beside the recordings and is only ever appended to, by a thread of its own: a disk that does not answer
 //! holds nobody who has something to note. What cannot be written waits, and is told ([`Audit::problem`]). A line that was
@@ -70,7 +70,7 @@ struct Queue {
     problem: Option<String>,
     /// Since when the oldest is being written.
     at_work: Option<Instant>,
-    /// When it is tried again after it could not be.
+    /// Time at which it is tried again after it could not be.
     again_at: Option<Instant>,
     is_closed: bool,
 }

@@ -25,27 +25,27 @@ pub struct Board {
     bytes: Vec<(PolicyTag, Arc<[u8]>)>,
     /// Flights of the trial around the model in force, by tag.
     tallies: HashMap<PolicyTag, Vec<Tally>>,
-    /// What has been active in this run.
+    /// Policies that have been active in this run.
     proven: HashSet<PolicyTag>,
     flying: Flying,
     /// Name by which a policy was asked for last: of several files with the same content.
     called: HashMap<PolicyTag, String>,
     /// The policy that the fallback controls in place of, because it tracks worse on the model in force.
     set_aside: Option<PolicyTag>,
-    /// What is wrong with directory or files.
+    /// Problem with directory or files.
     pub problem: Option<String>,
 }
 
-/// What became of a policy, for audit and files.
+/// Change of a policy, for audit and files.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Change {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Its SHA-256.
+    /// SHA-256.
     pub sha256: String,
-    /// What happened, one word or a few.
+    /// Change, in one word or a few.
     pub what: &'static str,
-    /// Why, if it was refused.
+    /// Reason, if it was refused.
     pub refusal: Option<Refusal>,
 }
 
@@ -81,7 +81,7 @@ impl Board {
         Entry { state, authority_percent: self.flying.authority_percent(tag), ..entry.clone() }
     }
 
-    /// What flies, as of the newest tick.
+    /// State of the policies, as of the newest tick.
     pub fn snapshot(&self) -> Snapshot {
         self.flying.snapshot()
     }
@@ -229,7 +229,7 @@ impl Board {
         self.tallies.insert(tag, tallies);
     }
 
-    /// How a policy stands against the fallback on the model in force.
+    /// Takes note of a policy's standing against the fallback on the model in force.
     pub fn stands(&mut self, tag: PolicyTag, standing: Standing) {
         for entry in self.entries.values_mut().filter(|entry| entry.tag() == Some(tag)) {
             entry.behind = Some(standing).filter(Standing::is_behind);
@@ -247,14 +247,14 @@ impl Board {
         self.set_aside = tag;
     }
 
-    /// What is to be held against the fallback: what flies, or what was set aside for it.
+    /// Policy that is to be held against the fallback: what flies, or what was set aside for it.
     pub fn to_be_held(&self) -> Option<(PolicyTag, Arc<[u8]>)> {
         let flies = Some(self.snapshot().incumbent).filter(|tag| *tag != PolicyTag::FALLBACK);
         let tag = self.set_aside.or(flies)?;
         Some((tag, self.bytes(tag)?))
     }
 
-    /// Why the fallback controls in place of a policy, one line.
+    /// Reason why the fallback controls in place of a policy, one line.
     pub fn why_fallback(&self) -> Option<String> {
         let tag = self.set_aside?;
         let standing = self.of(tag).next()?.behind?;
@@ -283,7 +283,7 @@ impl Board {
         self.flying.show(snapshot);
     }
 
-    /// What happened in the tick.
+    /// Takes in the tick's events and gives the changes that follow.
     pub fn happened(&mut self, told: &Told) -> Vec<Change> {
         self.flying.happened(told);
         match told.event {

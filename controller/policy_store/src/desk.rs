@@ -98,7 +98,7 @@ impl PolicyDesk {
         locked(&self.board).in_command()
     }
 
-    /// Why the fallback controls in place of a policy, one line.
+    /// Reason why the fallback controls in place of a policy, one line.
     pub fn why_fallback(&self) -> Option<String> {
         locked(&self.board).why_fallback()
     }

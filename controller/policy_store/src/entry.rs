@@ -1,4 +1,4 @@
-//! What is known of a policy.
+//! Entry of a policy.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 /// Values of metadata that are longer than this are lists and golden pairs, which nobody reads.
 const LONGEST_VALUE: usize = 80;
 
-/// Where a policy stands.
+/// Stage at which a policy stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EntryState {
@@ -34,7 +34,7 @@ pub enum EntryState {
     Previous,
     /// Must not fly.
     Refused,
-    /// Its file is no longer there or holds something else; it is kept for a swap.
+    /// The file is no longer there or holds something else; it is kept for a swap.
     Gone,
 }
 
@@ -93,7 +93,7 @@ impl EntryState {
 pub struct Entry {
     /// Name: the file's without `.onnx`.
     pub name: String,
-    /// Where it stands.
+    /// Stage at which it stands.
     pub state: EntryState,
     /// SHA-256 of the file; empty where it could not be read.
     #[serde(default)]
@@ -101,7 +101,7 @@ pub struct Entry {
     /// Share of the command in percent, while it is a candidate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub authority_percent: Option<f64>,
-    /// Why it was refused, and at which stage.
+    /// Reason why it was refused, and at which stage.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refusal: Option<Refusal>,
     /// Errors on the model in force, where the fallback tracks clearly better there.
@@ -113,7 +113,7 @@ pub struct Entry {
     /// Median time of an inference in µs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub inference_us: Option<f64>,
-    /// What the file says about itself: rig, seed, steps, and so on.
+    /// Provenance by the file itself: rig, seed, steps, and so on.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub provenance: BTreeMap<String, String>,
 }
@@ -134,13 +134,13 @@ impl Entry {
         }
     }
 
-    /// Its tag; that of no policy where the file could not be read.
+    /// Tag; that of no policy where the file could not be read.
     pub fn tag(&self) -> Option<PolicyTag> {
         u64::from_str_radix(self.sha256.get(..16)?, 16).ok().map(PolicyTag)
     }
 }
 
-/// What a policy says about itself, without what is long.
+/// Provenance by the policy itself, without what is long.
 pub fn provenance(policy: &Policy) -> BTreeMap<String, String> {
     let short = policy.metadata().iter().filter(|(_, value)| value.len() <= LONGEST_VALUE);
     short.map(|(key, value)| (key.to_owned(), value.to_owned())).collect()

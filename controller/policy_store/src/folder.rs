@@ -18,11 +18,11 @@ use crate::store::Adoption;
 use crate::watch::{ENDING, Settled, Watcher, policy_name};
 use crate::{locked, refusal_file};
 
-/// How often the directory is read.
+/// Time between two readings of the directory.
 const READING: Duration = Duration::from_secs(1);
 /// A file that ends too early and has not stood still for so long is still being copied.
 const COPYING: Duration = Duration::from_secs(15);
-/// Who asks where nobody does.
+/// Name of who asks where nobody does.
 const FOLLOWS: &str = "policy.follow";
 const STORE: &str = "daemon";
 
@@ -167,7 +167,7 @@ impl Folder {
     }
 }
 
-/// Whether a file ends too early and was written just now: somebody copies it without a rename.
+/// Tells whether a file ends too early and was written just now: somebody copies it without a rename.
 fn still_copied(settled: &Settled, refusal: &Refusal) -> bool {
     let young = settled.at_rest() < COPYING;
     let short = refusal.reason.contains("is cut short") || refusal.reason.contains("is empty");

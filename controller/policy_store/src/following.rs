@@ -18,7 +18,7 @@ use crate::store::WhenBehind;
 
 /// Time between two looks at the tick's events where nobody asks.
 pub(crate) const ROUND: Duration = Duration::from_millis(100);
-/// Who asks where a policy is behind the fallback.
+/// Name of who asks where a policy is behind the fallback.
 const STANDING: &str = "policy.when_behind";
 /// Said where the examining thread has ended.
 pub(crate) const NOT_EXAMINED: &str = "policies are not examined any more; restart the daemon";
@@ -121,7 +121,7 @@ impl Rounds {
         }
     }
 
-    /// What controls, or was set aside, has been held against the fallback on the model in force.
+    /// Takes note that what controls, or was set aside, has been held against the fallback on the model in force.
     fn stands(&self, StandsAgainst { tag, standing, model }: &StandsAgainst) {
         let (tag, standing) = (*tag, *standing);
         let (name, flies, aside, free) = {

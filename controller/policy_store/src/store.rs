@@ -19,7 +19,7 @@ use crate::folder::Folder;
 use crate::following::{Audited, Rounds};
 use crate::orders::KeepOrder;
 
-/// What becomes of a policy that has passed.
+/// Treatment of a policy that has passed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Adoption {
     /// It waits for an operator.
@@ -29,7 +29,7 @@ pub enum Adoption {
     Newest,
 }
 
-/// What becomes of a policy that tracks clearly worse than the fallback on the model in force.
+/// Treatment of a policy that tracks clearly worse than the fallback on the model in force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum WhenBehind {
     /// The fallback takes over from it.
@@ -39,13 +39,13 @@ pub enum WhenBehind {
     Fly,
 }
 
-/// What a store works with.
+/// Settings of a store.
 pub struct StoreSettings {
     /// The watched directory.
     pub directory: PathBuf,
-    /// What becomes of a policy that has passed.
+    /// Treatment of a policy that has passed.
     pub adoption: Adoption,
-    /// What becomes of a policy that is behind the fallback.
+    /// Treatment of a policy that is behind the fallback.
     pub when_behind: WhenBehind,
     /// The file that says who did what.
     pub audit: PathBuf,
@@ -53,11 +53,11 @@ pub struct StoreSettings {
     pub signatures: Vec<PolicySignature>,
 }
 
-/// What flies from the start.
+/// Policy that flies from the start.
 pub struct ActivePolicy {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Its file's bytes.
+    /// Bytes of its file.
     pub bytes: Arc<[u8]>,
 }
 
@@ -67,7 +67,7 @@ pub struct PolicyStore {
     thread: JoinHandle<()>,
 }
 
-/// Where the store speaks.
+/// Place where the store speaks.
 pub struct Voices {
     /// Is told one line for everything that a person should know.
     pub say: Box<dyn FnMut(String) + Send>,

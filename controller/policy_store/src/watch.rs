@@ -1,4 +1,4 @@
-//! Which files of a directory are whole.
+//! Files of a directory that are whole.
 //!
 //! A publisher writes under another name (`.tmp`, a dot in front) and renames. Not everybody does, and a network file
 //! system tells nobody of a rename on another machine; so the directory is read once a second, and a file counts when
@@ -22,14 +22,14 @@ pub const ENDING: &str = "onnx";
 /// Most names that are looked at: a directory of a million files must not hold anybody up.
 const MOST_NAMES: usize = 4096;
 
-/// What a file looks like from outside.
+/// Look of a file from outside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Look {
     inode: u64,
     size: u64,
-    /// When it was last written, as the writer wants it to be known: s and ns.
+    /// Time at which it was last written, as the writer wants it to be known: s and ns.
     written: (i64, i64),
-    /// When it was last changed in any way, by its file system: s and ns.
+    /// Time at which it was last changed in any way, by its file system: s and ns.
     changed: (i64, i64),
     mode: u32,
 }
@@ -51,13 +51,13 @@ impl Look {
 /// A file that has come to rest.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Settled {
-    /// Its name without `.onnx`.
+    /// Name without `.onnx`.
     pub name: String,
-    /// Its path.
+    /// Path.
     pub path: PathBuf,
-    /// How it looked.
+    /// Look of the file.
     pub look: Look,
-    /// When it was first seen to look so.
+    /// Time at which it was first seen to look so.
     pub since: Instant,
 }
 
@@ -82,13 +82,13 @@ struct Known {
     look: Look,
     /// The look of its signature, where there is one: no part of what the file is.
     signature: Option<Look>,
-    /// When it was first seen to look so.
+    /// Time at which it was first seen to look so.
     since: Instant,
-    /// Whether it has been handed out as it is now.
+    /// True where it has been handed out as it is now.
     handed: bool,
 }
 
-/// What a reading of the directory found.
+/// Findings of a reading of the directory.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Reading {
     /// Files that have come to rest since the last reading, the one written last at the end.
@@ -99,7 +99,7 @@ pub struct Reading {
     pub misnamed: Option<String>,
     /// True where another folder has taken the place of the one that was read before.
     pub is_another_folder: bool,
-    /// Why the directory cannot be read, if it cannot.
+    /// Reason why the directory cannot be read, if it cannot.
     pub problem: Option<String>,
 }
 

@@ -19,7 +19,7 @@ use policy_store::{
 };
 use proto::recording::TickOrder;
 
-/// Where the rig stands, and is to stand.
+/// Places where the rig stands, and is to stand.
 const HOLD_KPA: Pair = [85.0, -72.0];
 /// Ticks from an order to the end of probation, with some to spare.
 const PROBATION: u32 = 700;

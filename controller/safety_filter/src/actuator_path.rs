@@ -1,4 +1,4 @@
-//! What reaches one valve of each hypothesis: the command some ticks late, through a lag, further shut.
+//! Commands that reach one valve of each hypothesis: the command some ticks late, through a lag, further shut.
 //!
 //! ```text
 //! v(τ) = v(τ−1) + (1 − e^(−T/θ)) (u(τ−d) − v(τ−1)),      duty = v − offset, within 0 … 1

@@ -19,10 +19,13 @@ const LOOK_AHEAD_TICKS: usize = 14;
 const BISECTIONS: usize = 6;
 /// Step of the averaged model in ms: RK4 with half a tick is within 0.01 kPa of a tenth of it here.
 const STEP_MS: f64 = 10.0;
+/// Last ticks that are run through again where the rigs begin anew, so that valves and gas stand where these have put them: half a
+/// second, more than a delay and a coil's lag take (chosen).
+const PAST_TICKS: usize = 25;
 /// Ticks over which the pressures' rates are taken, for hypotheses with a sensor that lags.
 const RATE_TICKS: usize = 5;
 
-/// What must not be left, in kPa gauge.
+/// Pressures that must not be left, in kPa gauge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Envelope {
     /// Highest positive pressure.
@@ -36,7 +39,7 @@ impl Envelope {
     pub const DEFAULT: Envelope = Envelope { max_pos_kpa: 160.0, min_neg_kpa: -95.0 };
 }
 
-/// How far a duty may move in a tick.
+/// Limit on how far a duty moves in a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SlewLimit {
     /// By so much at most.
@@ -50,11 +53,11 @@ impl SlewLimit {
     pub const DEFAULT: SlewLimit = SlewLimit::DutyPerTick(MOST_CHANGE_DUTY);
 }
 
-/// Whether a command was changed, and why.
+/// Change of a command, and its reason.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 #[repr(u8)]
 pub enum Intervention {
-    /// It was not.
+    /// It was not changed.
     #[default]
     None = 0,
     /// It moved too fast.
@@ -77,7 +80,7 @@ impl Intervention {
 pub struct Filtered {
     /// Duties, within 0 … 1.
     pub duty: Pair,
-    /// What was done to it.
+    /// Change that was made to it.
     pub intervention: Intervention,
 }
 
@@ -96,6 +99,8 @@ pub struct SafetyFilter {
     /// Readings of the last ticks, the newest first, in kPa gauge.
     readings_kpa: [Pair; RATE_TICKS + 1],
     last: Pair,
+    /// Reading in kPa gauge and duty of the last ticks, the newest first.
+    past: [(Pair, Pair); PAST_TICKS],
     interventions: u64,
 }
 
@@ -121,6 +126,7 @@ impl SafetyFilter {
             sensor_lag_s: hypotheses::lanes(|h| h.sensor_lag_s),
             readings_kpa: [[0.0; CHANNELS]; RATE_TICKS + 1],
             last: VENT,
+            past: [([0.0; CHANNELS], VENT); PAST_TICKS],
             interventions: 0,
         })
     }
@@ -128,27 +134,29 @@ impl SafetyFilter {
     /// Starts anew at measured pressures (kPa gauge), with `duty` long in force.
     ///
     /// # Real-time
-    /// May run in the tick.
+    /// As much as two looks ahead; may run in the tick.
     pub fn restart(&mut self, measured_kpa: Pair, duty: Pair) {
         self.readings_kpa = [measured_kpa; RATE_TICKS + 1];
         self.paths = duty.map(ActuatorPath::at_rest);
         self.last = duty;
-        self.rigs.restore(&self.at_rest);
+        self.past = [(measured_kpa, duty); PAST_TICKS];
+        self.begin_anew();
         self.rigs.correct(measured_kpa.map(Eight::splat));
     }
 
     /// Goes on where another filter, on another model, stands: limits, readings, commands and counts.
     ///
     /// # Real-time
-    /// May run in the tick.
+    /// As much as two looks ahead; may run in the tick.
     pub fn continue_from(&mut self, other: &Self) {
         self.envelope = other.envelope;
         self.slew = other.slew;
         self.readings_kpa = other.readings_kpa;
         self.paths = other.paths;
         self.last = other.last;
+        self.past = other.past;
         self.interventions = other.interventions;
-        self.rigs.restore(&self.at_rest);
+        self.begin_anew();
         self.rigs.correct(self.readings_kpa[0].map(Eight::splat));
     }
 
@@ -163,7 +171,7 @@ impl SafetyFilter {
     /// Takes in what was measured at this tick, in kPa gauge.
     ///
     /// # Real-time
-    /// May run in the tick.
+    /// As much as two looks ahead where a model has diverged; may run in the tick.
     pub fn observe(&mut self, measured_kpa: Pair) {
         self.readings_kpa.rotate_right(1);
         self.readings_kpa[0] = measured_kpa;
@@ -176,11 +184,31 @@ impl SafetyFilter {
             Eight::splat(measured_kpa[c]) + self.reading_error_kpa[c] + self.sensor_lag_s * Eight::splat(outwards[c])
         });
         self.rigs.correct(truth);
-        if !self.rigs.readings_kpa().iter().all(|kpa| kpa.is_finite()) {
+        if !self.is_sound() {
             // A model that has diverged would refuse everything from now on.
-            self.rigs.restore(&self.at_rest);
+            self.begin_anew();
             self.rigs.correct(truth);
         }
+    }
+
+    /// Runs through the last ticks again, from rest. A rig at rest has its valves open: one that lags would be looked ahead on as if it
+    /// still let air out.
+    fn begin_anew(&mut self) {
+        self.rigs.restore(&self.at_rest);
+        let mut paths = self.past[PAST_TICKS - 1].1.map(ActuatorPath::at_rest);
+        for (reading_kpa, duty) in self.past.into_iter().rev() {
+            self.rigs.correct(std::array::from_fn(|c| Eight::splat(reading_kpa[c]) + self.reading_error_kpa[c]));
+            let duties = step(&mut paths, duty, &self.settings);
+            self.rigs.tick(duties, true);
+        }
+        if !self.is_sound() {
+            // Among the last ticks may be what made a model diverge.
+            self.rigs.restore(&self.at_rest);
+        }
+    }
+
+    fn is_sound(&self) -> bool {
+        self.rigs.readings_kpa().iter().all(|kpa| kpa.is_finite())
     }
 
     /// Gives the command that may be sent in place of `asked`, which is counted where it differs.
@@ -202,6 +230,8 @@ impl SafetyFilter {
         let duties = step(&mut self.paths, duty, &self.settings);
         self.rigs.tick(duties, true);
         self.last = duty;
+        self.past.rotate_right(1);
+        self.past[0] = (self.readings_kpa[0], duty);
     }
 
     /// Commands that were changed since the filter was made.
@@ -258,7 +288,7 @@ impl SafetyFilter {
         toward_vent(asked, bent, stays)
     }
 
-    /// Which pressure leaves the envelope on any hypothesis under `duty` for a tick and vent from then on.
+    /// Pressure that leaves the envelope on any hypothesis under `duty` for a tick and vent from then on.
     fn leaves(&mut self, duty: Pair) -> [bool; CHANNELS] {
         let (now, mut paths) = (self.rigs.state(), self.paths);
         let highest = Eight::splat(self.envelope.max_pos_kpa);

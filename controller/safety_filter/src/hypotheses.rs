@@ -19,7 +19,7 @@ pub struct Hypothesis {
     pub volume: f64,
     /// Time by which readings lag behind the pressures, in s.
     pub sensor_lag_s: f64,
-    /// What the sensors read too low (positive) and too high (negative), in kPa.
+    /// Error by which the sensors read too low (positive) and too high (negative), in kPa.
     pub reading_error_kpa: Pair,
 }
 

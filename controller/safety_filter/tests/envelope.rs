@@ -20,7 +20,7 @@ use safety_filter::{Envelope, Intervention, SafetyFilter, SlewLimit};
 type Decide<'a> = &'a mut dyn FnMut(u32, Pair) -> Pair;
 
 const ENVELOPE: Envelope = Envelope { max_pos_kpa: 160.0, min_neg_kpa: -95.0 };
-/// What readings scatter, five standard deviations of the converter's noise: 0.06 and 0.006 kPa each.
+/// Scatter of readings, five standard deviations of the converter's noise: 0.06 and 0.006 kPa each.
 const SCATTER_KPA: Pair = [0.3, 0.03];
 
 /// Vigna's SplitMix64.
@@ -146,6 +146,29 @@ fn without_the_filter_the_envelope_is_left() {
         plant.tick([0.0, 1.0], true);
     }
     assert!(plant.readings_kpa()[0] > 165.0, "{:?}", plant.readings_kpa());
+}
+
+/// A model may be put in at any tick, so the envelope is kept also where one is in every tick: what is put in knows where valves and gas
+/// stand by the last commands. This model has a delay, a coil's lag, play and warm gas of its own.
+#[test]
+fn a_filter_that_goes_on_for_another_keeps_the_envelope() {
+    let rig = Rig::builtin("bench").unwrap();
+    let mut filters = [0, 1].map(|_| SafetyFilter::new(&rig, ENVELOPE, SlewLimit::DEFAULT).unwrap());
+    let mut plant = DualPressureRig::new(&rig).unwrap();
+    let mut farthest = [0.0_f64; CHANNELS];
+    for _ in 0..400 {
+        let [before, filter] = &mut filters;
+        filter.continue_from(before);
+        let measured = plant.readings_kpa();
+        farthest = [farthest[0].max(measured[0]), farthest[1].min(measured[1])];
+        filter.observe(measured);
+        let sent = filter.limit([0.0; CHANNELS]);
+        filter.sent(sent.duty);
+        plant.tick(sent.duty, true);
+        filters.reverse();
+    }
+    assert!(filters[0].interventions() > 0);
+    assert!(farthest[0] <= ENVELOPE.max_pos_kpa && farthest[1] >= ENVELOPE.min_neg_kpa, "{farthest:?}");
 }
 
 /// The fallback on the paper's reference is never touched: on the built-in rigs and on ten around `bench`.

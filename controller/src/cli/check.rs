@@ -14,7 +14,7 @@ use serde_json::json;
 use super::Failure;
 use super::console::{say, tell};
 
-/// What was found of a configuration that is sound.
+/// Findings of a configuration that is sound.
 struct Sound {
     summary: String,
     remarks: Vec<String>,

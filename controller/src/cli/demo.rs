@@ -152,7 +152,7 @@ impl Demo {
         Ok(recording)
     }
 
-    /// What the feed-forward PI reaches on the same rig and reference.
+    /// Errors of the feed-forward PI on the same rig and reference.
     fn yardstick(&self, loaded: &daemon::Loaded) -> Result<Option<RunYardstick>, Failure> {
         let rig = self.plant()?;
         let trial = Trial {

@@ -195,7 +195,7 @@ impl ExperimentArgs {
     }
 }
 
-/// What is going to be played, and what the model says of it.
+/// Tells what is going to be played, and the model's forecast of it.
 pub(super) fn foreseen(
     file: &str,
     rows: u32,

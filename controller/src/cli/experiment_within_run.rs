@@ -19,7 +19,7 @@ use super::screen::Screen;
 
 /// Between two looks at how far it is.
 const LOOK: Duration = Duration::from_millis(200);
-/// How long the daemon may not answer before this program gives up looking; the experiment does not end by that.
+/// Time for which the daemon may not answer before this program gives up looking; the experiment does not end by that.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Has the daemon at `socket` play a file; the range foreseen by channel in kPa, and what came of it.

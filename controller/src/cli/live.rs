@@ -25,7 +25,7 @@ use super::console::{say, tell};
   controller live --config controller.toml
   controller live --listen 0.0.0.0:8050 --config controller.toml   # readable by everyone who reaches this machine")]
 pub(crate) struct LiveArgs {
-    /// Where viewers connect; loopback unless told otherwise, for it has neither passwords nor encryption
+    /// Address at which viewers connect; loopback unless told otherwise, for it has neither passwords nor encryption
     #[arg(long, default_value = "127.0.0.1:8050", value_name = "ADDR")]
     listen: String,
     /// The daemon's configuration file, to find its socket

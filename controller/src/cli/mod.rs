@@ -73,7 +73,7 @@ enum Command {
     },
     CheckPolicy(check_policy::CheckPolicy),
     RtTest(rt_test::RtTestArgs),
-    /// What a running daemon is doing.
+    /// Shows the state of a running daemon.
     Status(talk::Target),
     /// Starts controlling the pressures.
     Arm(talk::Target),
@@ -105,7 +105,7 @@ enum Command {
     /// For learning on the rig: the recording holds what was added in each tick. Needs the rig under control by a policy with
     /// all of the command. Ends by itself with any fault, with disarming, and with another policy or model.
     Explore {
-        /// Whether it begins or ends.
+        /// Switch that begins or ends it.
         switch: controller::operator::socket::Switch,
         /// Seed of the noise; left out, one from the clock, which the answer and the recording name
         #[arg(long)]
@@ -130,7 +130,7 @@ enum Command {
     },
 }
 
-/// How a command failed.
+/// Failure of a command.
 #[derive(Debug)]
 pub(crate) struct Failure {
     /// 1: the work failed; 2: wrong usage or bad input.
@@ -187,7 +187,6 @@ impl From<DaemonError> for Failure {
     fn from(error: DaemonError) -> Self {
         match error {
             DaemonError::Rig(_)
-            | DaemonError::Limits(_)
             | DaemonError::Unflyable { .. }
             | DaemonError::Reference(_)
             | DaemonError::Policy(_)
@@ -204,7 +203,7 @@ impl Arguments {
     /// Does what was asked for.
     ///
     /// # Errors
-    /// What went wrong, with the exit status that says whose fault it is.
+    /// The failure, with the exit status that says whose fault it is.
     pub(crate) fn run(self) -> Result<(), Failure> {
         match self.command {
             Command::Demo(demo) => demo.run(),

@@ -44,7 +44,7 @@ fn line(entry: &Entry, width: usize) -> String {
     text.trim_end().to_owned()
 }
 
-/// What controls first, then what is on its way, then what could be, then what must not.
+/// Rank in a list: what controls first, then what is on its way, then what could be, then what must not.
 fn rank(state: EntryState) -> u8 {
     match state {
         EntryState::Active => 0,

@@ -7,7 +7,7 @@ use controller::operator::console::overwrite;
 
 use super::console::tell;
 
-/// Where live lines go; one that cannot be shown ends nothing.
+/// Place where live lines go; one that cannot be shown ends nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Screen {
     /// A terminal: each line is written over the one before.

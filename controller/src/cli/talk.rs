@@ -19,7 +19,7 @@ use proto::rig_file::RigFileError;
 use super::Failure;
 use super::console::{say, tell};
 
-/// Which daemon.
+/// Daemon that is addressed.
 #[derive(Debug, Args)]
 pub(crate) struct Target {
     /// The daemon's configuration file, to find its socket.
@@ -184,7 +184,7 @@ fn print_status(reply: &Reply) {
     }
 }
 
-/// Where a model comes from, and which it is: names do not tell an edited file from another.
+/// Origin and identity of a model: names do not tell an edited file from another.
 fn origin(model: &ModelIdentity) -> String {
     let from = model.file.as_ref().map_or("built in".to_owned(), |file| format!("from {file}"));
     format!("sha256 {:.8}, {from}", model.sha256)

@@ -17,7 +17,7 @@ struct NumberKey {
     value: fn(&Config) -> Option<f64>,
 }
 
-/// Which numbers a key takes.
+/// Numbers that a key takes.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum NumberKind {
     Whole,

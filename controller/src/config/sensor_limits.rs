@@ -2,6 +2,8 @@
 
 use model::predict::DualPressurePorts;
 use model::rig::Rig;
+use proto::emulator::load_for_loop;
+use proto::rig_file::RigFileError;
 
 use super::Safety;
 
@@ -21,6 +23,17 @@ pub struct LimitBeyondSensor {
     sensor: String,
     /// End of the sensor's range on the limit's side.
     end_kpa: f64,
+}
+
+/// Reason why a rig cannot be the model of a loop under a configuration's limits.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelRigError {
+    /// The rig cannot be read, or could not stand behind the wire.
+    #[error(transparent)]
+    File(#[from] RigFileError),
+    /// A limit lies beyond what the rig's sensor shows.
+    #[error(transparent)]
+    Limits(#[from] LimitBeyondSensor),
 }
 
 /// Side of a sensor's range on which its limit is.
@@ -81,12 +94,23 @@ impl Side {
     }
 }
 
+/// Reads the rig by which a loop is to be closed, and checks that its sensors show both limits. `given_as` says in errors of the file
+/// how it was asked for, where it was.
+///
+/// # Errors
+/// As [`load_for_loop`], or the first limit that its sensor never shows.
+pub fn load_within_limits(rig_file: &str, given_as: Option<&str>, safety: Safety) -> Result<Rig, ModelRigError> {
+    let rig = load_for_loop(rig_file, given_as)?;
+    limits_within_ranges(safety, &rig, rig_file)?;
+    Ok(rig)
+}
+
 /// Checks that both limits lie inside the ranges of the sensors by which they are watched. A rig without such a sensor is no matter of
 /// this check.
 ///
 /// # Errors
 /// The first limit that its sensor never shows.
-pub fn limits_within_ranges(safety: Safety, rig: &Rig, rig_file: &str) -> Result<(), LimitBeyondSensor> {
+fn limits_within_ranges(safety: Safety, rig: &Rig, rig_file: &str) -> Result<(), LimitBeyondSensor> {
     for (column, side) in DualPressurePorts::READING.into_iter().zip(Side::OF_READINGS) {
         let Some((name, sensor)) = rig.sensor_of(column) else { continue };
         let (limit_kpa, end_kpa) = (side.limit_kpa(safety), side.end_kpa(sensor.range_kpa_gauge));

@@ -1,4 +1,4 @@
-//! How a cycle is put together, for a reference and for a sequence of commands.
+//! Construction of a cycle, for a reference and for a sequence of commands.
 
 use model::observation::CHANNELS;
 use model::rig::{Rig, RigError};
@@ -53,12 +53,12 @@ impl Cycle<OpenLoopPlayback> {
     }
 }
 
-/// What the safety filter keeps: the limits beyond which the rig is vented.
+/// Envelope that the safety filter keeps: the limits beyond which the rig is vented.
 fn envelope(safety: Safety) -> Envelope {
     Envelope { max_pos_kpa: safety.max_pos_kpa, min_neg_kpa: safety.min_neg_kpa }
 }
 
-/// What stands around any duty source.
+/// Parts that stand around any duty source.
 struct Parts {
     sensing: Sensing,
     monitor: Monitor,

@@ -1,4 +1,4 @@
-//! Who decides the duties while the rig is armed.
+//! Source of the duties while the rig is armed.
 //!
 //! [`Cycle`](crate::cycle::Cycle) keeps watch: volts, limits, missing frames, the state. What is steered for is
 //! the duty source's: a reference ([`ReferenceTracking`](crate::cycle::reference_tracking::ReferenceTracking)), the rows of a sequence
@@ -22,14 +22,14 @@ use crate::operator::notice::Notice;
 /// Both vents open: what is sent whenever the rig is not being controlled.
 pub const VENT: Pair = [1.0, 1.0];
 
-/// What is to be sent.
+/// Command that is to be sent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ActuatorCommand {
     /// Duties, positive and negative valve.
     pub duty: Pair,
     /// Mode.
     pub mode: Mode,
-    /// Whether the pump is to run.
+    /// True where the pump is to run.
     pub pump_on: bool,
 }
 
@@ -43,7 +43,7 @@ impl ActuatorCommand {
     }
 }
 
-/// Where notices go; the tick calls it at most a few times.
+/// Place where notices go; the tick calls it at most a few times.
 pub type NoticeSink<'a> = &'a mut dyn FnMut(Notice);
 
 /// A sound frame, as a duty source sees it.
@@ -53,7 +53,7 @@ pub struct SensorSample {
     pub tick: u32,
     /// Measured pressures, kPa gauge.
     pub measured: Pair,
-    /// Whether the cRIO says that the pump runs.
+    /// True where the cRIO says that the pump runs.
     pub pump_running: bool,
     /// The state, with this frame taken in.
     pub state: State,
@@ -61,7 +61,7 @@ pub struct SensorSample {
     pub bars_arming: Option<Condition>,
 }
 
-/// What a duty source wants of the watch.
+/// Request of a duty source to the watch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ModeRequest {
     /// Nothing.
@@ -74,7 +74,7 @@ pub enum ModeRequest {
     Disarm(Notice),
 }
 
-/// What follows an experiment that was played to its end.
+/// State that follows an experiment that was played to its end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Afterwards {
     /// Controlling again, as before it.
@@ -83,7 +83,7 @@ pub enum Afterwards {
     StandingBy,
 }
 
-/// What became of a prediction.
+/// Fate of a prediction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Prediction {
     /// It was made, or none is needed.
@@ -92,7 +92,7 @@ pub enum Prediction {
     Diverged,
 }
 
-/// How the watch takes what a source decides.
+/// Way in which the watch takes what a source decides.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Steering {
     /// Toward a reference: readings are held against the model, duties keep the slew limit, and persons arm.
@@ -101,13 +101,13 @@ pub enum Steering {
     OpenLoop,
 }
 
-/// How far an experiment is.
+/// Phases of an experiment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ExperimentPhase {
     /// Vents open, pump off, until the pressures stand still.
     Settling,
-    /// Its rows are sent.
+    /// The rows are sent.
     Playing,
     /// Vents open after the last row, or after what stopped it.
     Resting,
@@ -124,10 +124,10 @@ impl ExperimentPhase {
     }
 }
 
-/// What the tick shows of an experiment.
+/// Progress of an experiment as the tick shows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ExperimentProgress {
-    /// How far it is.
+    /// Phase.
     pub phase: ExperimentPhase,
     /// Rows that were sent.
     pub reached: u32,
@@ -135,9 +135,9 @@ pub struct ExperimentProgress {
     pub rows: u32,
 }
 
-/// Who decides the duties while the rig is armed. All of it but `verdict` runs in the tick: bounded, no allocation.
+/// Source of the duties while the rig is armed. All of it but `verdict` runs in the tick: bounded, no allocation.
 pub trait DutySource: Send {
-    /// Whether one session is all there is: a lost link then ends the flight.
+    /// True where one session is all there is: a lost link then ends the flight.
     const ONE_SESSION: bool;
 
     /// Puts in another model where one waits, those of the safety filter and of the monitor with it; before anything is
@@ -170,13 +170,13 @@ pub trait DutySource: Send {
         tell: NoticeSink<'_>,
     ) -> Option<ActuatorCommand>;
 
-    /// What to send in a tick whose frame is missing.
+    /// Gives the command for a tick whose frame is missing.
     fn bridge(&mut self, tick: u32) -> ActuatorCommand;
 
-    /// What was sent.
+    /// Takes note of the command that was sent.
     fn sent(&mut self, answer: &ActuatorCommand);
 
-    /// What was sent in a tick of HOLD: models move on, integrators stand still.
+    /// Takes note of the command of a tick of HOLD: models move on, integrators stand still.
     fn held(&mut self, answer: &ActuatorCommand) {
         self.sent(answer);
     }
@@ -189,7 +189,7 @@ pub trait DutySource: Send {
     /// The rig was vented, or the operator disarms it (no cause).
     fn stopped(&mut self, cause: Option<(Condition, f64)>);
 
-    /// Whether there is nothing more to do.
+    /// Tells whether there is nothing more to do.
     fn is_over(&self) -> bool;
 
     /// Takes another reference, which starts at once where `running` gives tick and pressures, and hands back the
@@ -199,12 +199,12 @@ pub trait DutySource: Send {
         reference
     }
 
-    /// How the watch takes what this source decides now.
+    /// Way in which the watch takes what this source decides now.
     fn steering(&self) -> Steering {
         Steering::ClosedLoop
     }
 
-    /// How far an experiment is, while one is under way.
+    /// Progress of an experiment, while one is under way.
     fn experiment(&self) -> Option<ExperimentProgress> {
         None
     }
@@ -237,7 +237,7 @@ pub trait DutySource: Send {
     /// The session is over: there are no ticks in which to come to rest.
     fn session_over(&mut self) {}
 
-    /// What the end of the recording says about the flight.
+    /// Verdict on the flight for the end of the recording.
     fn verdict(&self) -> Option<(EventLevel, String)> {
         None
     }

@@ -21,7 +21,7 @@ const FILTER_TICKS: u32 = 50;
 /// Bent commands of [`FILTER_TICKS`] above which the policy is not trusted (study of the daemon, §3.6).
 const FILTER_TO_REVERT: u32 = 20;
 
-/// How often the safety filter had to bend a command toward vent.
+/// Counter of how often the safety filter had to bend a command toward vent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct FilterWatch {
     bent: LossWindow,
@@ -39,7 +39,7 @@ impl FilterWatch {
         self.bent.count_newest(FILTER_TICKS)
     }
 
-    /// Whether it had been quiet for so long that the next one is told.
+    /// Tells whether it had been quiet for so long that the next one is told.
     fn is_quiet(&self) -> bool {
         self.bent.count_newest(FILTER_TOLD_AGAIN) == 0
     }

@@ -29,9 +29,9 @@ pub struct ReferenceTracking {
     control: Arbiter,
     /// The other end of the arbiter's queues, for whoever publishes policies.
     policies: StoreEnd,
-    /// What happened to a policy after the last command was out, to be told with the next.
+    /// Event of a policy after the last command was out, to be told with the next.
     policy_event: Option<PolicyEvent>,
-    /// Where models come from, and its other end.
+    /// Source of models, and its other end.
     models: ModelTickEnd,
     model_desk: ModelDesk,
     /// The tick and its readings, for comparisons of models.
@@ -43,7 +43,7 @@ pub struct ReferenceTracking {
     /// Flights of the reference that were over in the last tick.
     flight: u32,
     predicted: [Pair; AHEAD],
-    /// What the sensors would read now if none of them lagged, in kPa gauge.
+    /// Readings now of sensors that do not lag, in kPa gauge.
     undelayed: Pair,
     trajectory: ActionTrajectory,
 }
@@ -79,7 +79,7 @@ impl ReferenceTracking {
         })
     }
 
-    /// What follows the reference's end, and whether flights of it are learned from; before the run, not for the tick.
+    /// Sets what follows the reference's end, and whether flights of it are learned from; before the run, not for the tick.
     pub fn repeat(&mut self, after_end: AfterEnd, learning: RepetitionLearning) {
         self.after_end = after_end;
         let learns = learning == RepetitionLearning::On;
@@ -93,12 +93,12 @@ impl ReferenceTracking {
         self.control.flights()
     }
 
-    /// Where policies are published to this loop.
+    /// Place where policies are published to this loop.
     pub fn policies(&self) -> StoreEnd {
         self.policies.clone()
     }
 
-    /// Where models are changed.
+    /// Place where models are changed.
     pub fn models(&self) -> ModelDesk {
         self.model_desk.clone()
     }

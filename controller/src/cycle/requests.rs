@@ -1,4 +1,4 @@
-//! What is asked of a cycle: by an operator, by whoever runs an experiment. It counts in the next tick.
+//! Requests to a cycle: by an operator, by whoever runs an experiment. It counts in the next tick.
 
 use handover::ExplorationRules;
 use proto::reference::Reference;
@@ -72,7 +72,7 @@ impl<H: DutySource> Cycle<H> {
         self.duty_source.take_finished_experiment()
     }
 
-    /// Of several requests in one tick the safer one counts.
+    /// Takes a request; the safer of several in one tick counts.
     pub(super) fn ask(&mut self, request: Request) {
         self.request = self.request.max(Some(request));
     }

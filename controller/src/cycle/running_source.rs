@@ -1,4 +1,4 @@
-//! What a running daemon steers for: its reference, with an experiment in between where an operator asks for one.
+//! Duty source of a running daemon: its reference, with an experiment in between where an operator asks for one.
 //!
 //! ```text
 //!   reference ──experiment asked for: vents open──▶ settle ▶ play ▶ rest ──played to its end, was armed──▶ armed ▶ reference
@@ -35,11 +35,11 @@ pub struct RunningSource {
     tracking: ReferenceTracking,
     /// The experiment, from the tick that takes it to the one that hands it back.
     playback: Option<Box<OpenLoopPlayback>>,
-    /// What follows it.
+    /// State that follows it.
     afterwards: Afterwards,
     /// Frames left to be armed again in, once it is over.
     to_arm: u32,
-    /// What has barred that so far.
+    /// Conditions that have barred arming so far.
     attempt: ArmingAttempt,
 }
 
@@ -86,7 +86,7 @@ impl RunningSource {
         }
     }
 
-    /// What is wanted after an experiment that began under control, frame by frame until the rig is armed again.
+    /// Request after an experiment that began under control, frame by frame until the rig is armed again.
     fn asks_to_be_armed_again(&mut self, seen: &SensorSample) -> ModeRequest {
         self.to_arm -= 1;
         if self.attempt.given_up(seen.bars_arming).is_some() {

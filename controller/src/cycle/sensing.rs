@@ -15,7 +15,7 @@ pub const HIGHEST_V: f64 = WIRE_V[1];
 pub struct BrokenSensor {
     /// 0 positive, 1 negative.
     pub channel: usize,
-    /// What was read, in V; NaN where nothing was.
+    /// Reading in V; NaN where nothing was.
     pub volts: f64,
 }
 

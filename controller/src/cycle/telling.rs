@@ -1,4 +1,4 @@
-//! What a person is told of a tick: each transition, exploration, and venting in doubt again and again.
+//! Messages to people about a tick: each transition, exploration, and venting in doubt again and again.
 
 use handover::ExplorationShown;
 use supervisor::{Arming, Condition, State, Transition};
@@ -30,7 +30,8 @@ impl<H: DutySource> Cycle<H> {
     pub(super) fn tell_transition(&mut self, transition: Transition, tell: NoticeSink<'_>) {
         let tick = self.tick;
         match transition {
-            Transition::None | Transition::SessionOpened | Transition::Stopped => {}
+            Transition::None | Transition::SessionOpened => {}
+            Transition::Stopped => tell(Notice::Stopped { tick }),
             Transition::Armed(arming) => {
                 self.monitor.armed();
                 self.filter_watch = FilterWatch::new();

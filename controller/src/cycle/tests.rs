@@ -92,3 +92,23 @@ fn one_missing_frame_follows_the_plan_and_the_second_vents() {
         [Notice::FrameMissed { .. }, Notice::Vented { cause: Condition::FramesMissing, .. }]
     ));
 }
+
+#[test]
+fn a_stop_passes_through_the_state_function_from_whatever_state() {
+    for ticks in [0, 10, 26] {
+        let mut cycle = cycle();
+        for tick in 0..ticks {
+            answer(&mut cycle, &sense(tick, SOUND, CrioState::Running, TripBits::NONE));
+        }
+        assert_eq!(cycle.state() == State::Run, ticks == 26);
+        let mut told = Vec::new();
+        for _ in 0..2 {
+            cycle.stop(&mut |notice| told.push(notice));
+            assert_eq!((cycle.state(), cycle.answer), (State::Stop, ActuatorCommand::VENT));
+        }
+        assert!(matches!(told.as_slice(), [Notice::Stopped { .. }]), "once: {told:?}");
+        // A frame that comes all the same moves nothing.
+        let (answer, _) = answer(&mut cycle, &sense(ticks, SOUND, CrioState::Running, TripBits::NONE));
+        assert_eq!((cycle.state(), answer), (State::Stop, ActuatorCommand::VENT));
+    }
+}

@@ -1,6 +1,6 @@
 //! A sequence of commands: `time_s,u_pos,u_neg,pump_on`, a row every 20 ms, two minutes at most.
 //!
-//! What `trainer diagnose` plans as `next_experiment.csv`. Reading it is reading a recording
+//! Such a sequence is planned by `trainer diagnose` as `next_experiment.csv`. Reading it is reading a recording
 //! ([`proto::recording::Recording`]) without readings, and then stricter: no gap, no jitter, no more than
 //! [`LONGEST_ROWS`] rows. Other columns are passed over, so an old recording's commands can be played again.
 
@@ -13,7 +13,7 @@ use proto::regular_file;
 
 /// The longest sequence: 120 s.
 pub const LONGEST_ROWS: usize = 6_000;
-/// How far a row's time may be off the 20 ms grid, in s: what rounding to milliseconds does.
+/// Distance by which a row's time may be off the 20 ms grid, in s: what rounding to milliseconds does.
 const OFF_GRID_S: f64 = 1.1e-3;
 /// The largest file that is read, in bytes: the 6,000 rows of two minutes are below 1 MB.
 const MOST_BYTES: u64 = 32 << 20;
@@ -25,7 +25,7 @@ const NAMED: usize = 3;
 pub struct Row {
     /// Duties, positive and negative valve.
     pub duty: Pair,
-    /// Whether the pump runs.
+    /// True where the pump runs.
     pub pump_on: bool,
 }
 
@@ -38,7 +38,7 @@ pub struct CommandSequence {
     lines: Vec<u64>,
 }
 
-/// Why a sequence cannot be played.
+/// Reason why a sequence cannot be played.
 #[derive(Debug, thiserror::Error)]
 pub enum CommandSequenceError {
     /// It is no table of numbers in range, or not at 50 Hz.
@@ -55,7 +55,7 @@ pub enum CommandSequenceError {
         line: u64,
         /// Column, from 1.
         position: usize,
-        /// Its time (s).
+        /// Time (s).
         found: f64,
         /// The time of its place (s).
         expected: f64,
@@ -69,7 +69,7 @@ pub enum CommandSequenceError {
         file: String,
         /// The first line that is too much.
         line: u64,
-        /// How long it lasts (s).
+        /// Duration (s).
         seconds: f64,
     },
     /// The pump is to be switched and cannot be.
@@ -106,9 +106,10 @@ impl CommandSequence {
         let recording = Recording::parse_csv(file, &bytes)?;
         let [u_pos, u_neg] = recording.require(["u_pos", "u_neg"])?;
         // Without the column the pump runs, as everywhere.
-        let pump = match recording.names().any(|name| name == "pump_on") {
-            true => recording.require(["pump_on"])?[0].to_vec(),
-            false => vec![1.0; recording.rows()],
+        let pump = if recording.names().any(|name| name == "pump_on") {
+            recording.require(["pump_on"])?[0].to_vec()
+        } else {
+            vec![1.0; recording.rows()]
         };
         let rows: Vec<Row> = u_pos
             .iter()
@@ -158,7 +159,7 @@ impl CommandSequence {
         &self.rows
     }
 
-    /// How long it lasts, in s.
+    /// Duration in s.
     pub fn seconds(&self) -> f64 {
         self.rows.len() as f64 * PERIOD_S
     }

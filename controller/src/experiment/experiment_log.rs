@@ -26,12 +26,12 @@ const MOST_TIME: Duration = Duration::from_secs(3600);
 /// Between two looks for room, in lockstep.
 const LOOK: Duration = Duration::from_millis(1);
 
-/// How recordings of experiments are made.
+/// Settings of the recordings of experiments.
 #[derive(Debug, Clone)]
 pub struct LogSettings {
-    /// Where they go; limits of size and number are not taken from here.
+    /// Place where they go; limits of size and number are not taken from here.
     pub destination: Destination,
-    /// What times in them mean; ticks in lockstep are waited for, others are counted where the queue is full.
+    /// Meaning of times in them; ticks in lockstep are waited for, others are counted where the queue is full.
     pub log_time: LogTime,
     /// The configuration's file.
     pub config: Option<Attachment>,

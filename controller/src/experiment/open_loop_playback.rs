@@ -24,14 +24,14 @@ use crate::experiment::settling::SettlingDetector;
 use crate::experiment::stopped::Stopped;
 use crate::operator::notice::Notice;
 
-/// How long the pressures may take to stand still before the first row, in ticks: 60 s.
+/// Time that the pressures may take to stand still before the first row, in ticks: 60 s.
 pub(super) const LONGEST_SETTLE: u32 = 3_000;
-/// How long they may take after the last, in ticks: 20 s.
+/// Time that they may take after the last, in ticks: 20 s.
 const LONGEST_REST: u32 = 1_000;
 /// Frames in a row with a running pump, although it was asked to stop, that prove it cannot be: half a second.
 const PUMP_STOPS: u32 = 25;
-/// How far from the atmosphere rest may read, in kPa gauge, with the pump off: a sensor's bias, and what a vent valve keeps whose spring
-/// shuts it at low pressure (10.4 kPa on a rig drawn with a sagging supply). A vent that is shut keeps 60 and more.
+/// Distance from the atmosphere that rest may read, in kPa gauge, with the pump off: a sensor's bias, and what a vent valve keeps
+/// whose spring shuts it at low pressure (10.4 kPa on a rig drawn with a sagging supply). A vent that is shut keeps 60 and more.
 const REST_KPA: f64 = 20.0;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,11 +46,11 @@ enum Phase {
 #[derive(Debug)]
 pub struct OpenLoopPlayback {
     rows: Box<[Row]>,
-    /// Of the model's pump: with one the rig begins at the atmosphere's pressure.
+    /// Relay of the model's pump: with one the rig begins at the atmosphere's pressure.
     relay: PumpRelay,
     phase: Phase,
     calm: SettlingDetector,
-    /// What has barred arming at rest so far.
+    /// Conditions that have barred arming at rest so far.
     attempt: ArmingAttempt,
     /// Sound frames in this phase.
     waited: u32,
@@ -86,12 +86,12 @@ impl OpenLoopPlayback {
         self.reached
     }
 
-    /// Whether every row had its turn.
+    /// Tells whether every row had its turn.
     pub fn is_complete(&self) -> bool {
         self.stopped.is_none() && self.reached == self.rows()
     }
 
-    /// What ended it, for the recording's last line.
+    /// Reason of the end, for the recording's last line.
     pub fn ending(&self) -> (EventLevel, String) {
         let (reached, rows) = (self.reached, self.rows());
         if self.is_complete() {
@@ -106,7 +106,7 @@ impl OpenLoopPlayback {
         self.phase = Phase::Over;
     }
 
-    /// Why it did not come to its end; `None` also for a flight that was ended from outside.
+    /// Reason why it did not come to its end; `None` also for a flight that was ended from outside.
     pub fn why_stopped(&self) -> Option<Stopped> {
         self.stopped
     }
@@ -129,7 +129,7 @@ impl OpenLoopPlayback {
         }
     }
 
-    /// Whether the rig stands where the sequence begins.
+    /// Tells whether the rig stands where the sequence begins.
     fn at_rest(&mut self, measured: Pair) -> bool {
         let still = self.calm.add(measured);
         // Without a relay the pump goes on, and rest is a balance somewhere.

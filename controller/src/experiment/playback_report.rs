@@ -1,4 +1,4 @@
-//! What became of a sequence, from its ticks: which commands the cRIO says it applied, and what the pressures did.
+//! Report on a sequence, from its ticks: which commands the cRIO says it applied, and what the pressures did.
 //!
 //! A row's command holds from its SENSE to the next, so the next SENSE must report that duty in force and the
 //! pump as asked. Where it does not (a command that came late or not at all), the recording tells of a command that
@@ -46,7 +46,7 @@ impl PlaybackReport {
         PlaybackReport { relay, ..PlaybackReport::default() }
     }
 
-    /// Whether anything differs from what was to be played.
+    /// Tells whether nothing differs from what was to be played.
     pub fn is_clean(&self) -> bool {
         self.not_applied == 0 && self.without_reading == 0
     }

@@ -1,4 +1,4 @@
-//! What the model says a sequence will do, before anything moves.
+//! Simulation of a sequence by the model, before anything moves.
 //!
 //! The rig file's own plant is driven as the cRIO would be: vents open until it stands, then the rows. The
 //! sequence is refused where a reading of that simulation leaves the daemon's safety envelope; the rig itself is
@@ -17,16 +17,16 @@ use crate::experiment::pump_relay::PumpRelay;
 /// Ticks of vents open before the first row: 20 s, for a pump without a relay to find its balance.
 const SETTLE: u32 = 1_000;
 
-/// What the model says.
+/// Forecast of the model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Forecast {
     /// Least and largest reading of each channel, in kPa gauge.
     pub range_kpa: [[f64; 2]; CHANNELS],
-    /// Of the model's pump.
+    /// Relay of the model's pump.
     pub relay: PumpRelay,
 }
 
-/// Why a sequence must not be played.
+/// Reason why a sequence must not be played.
 #[derive(Debug, thiserror::Error)]
 pub enum ForecastError {
     /// The model cannot be simulated at the cRIO's rate.
@@ -34,7 +34,7 @@ pub enum ForecastError {
     Rig {
         /// The model's rig.
         name: String,
-        /// Why.
+        /// Reason.
         problem: RigError,
     },
     /// The model leaves the envelope.
@@ -48,17 +48,17 @@ pub enum ForecastError {
         line: u64,
         /// The model's rig.
         rig: String,
-        /// Which chamber.
+        /// Chamber.
         side: &'static str,
         /// The limit's key.
         key: &'static str,
         /// The limit (kPa gauge).
         limit_kpa: f64,
-        /// When it is passed, from the first row (s).
+        /// Time at which it is passed, from the first row (s).
         first_s: f64,
         /// The farthest reading (kPa gauge).
         farthest_kpa: f64,
-        /// Its time (s).
+        /// Time (s).
         farthest_s: f64,
     },
     /// The model has no finite answer.

@@ -1,4 +1,4 @@
-//! Whether the rig's pump can be switched: what an experiment may ask for, and where it begins, hangs on it.
+//! Relay of the rig's pump: what an experiment may ask for, and where it begins, hangs on it.
 
 use proto::emulator::CrioConfig;
 

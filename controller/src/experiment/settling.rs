@@ -1,4 +1,4 @@
-//! Whether the pressures stand still: means of half seconds, compared.
+//! Test whether the pressures stand still: means of half seconds, compared.
 //!
 //! A mean of 25 readings scatters by a fifth of what one does (0.06 kPa for the converter's 0.3 kPa), so noise and the
 //! pump's ripple do not hide rest, and a chamber that still empties does not pass for it: with a time constant of 1 s a

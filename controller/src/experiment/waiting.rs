@@ -4,7 +4,7 @@ use supervisor::{Condition, State};
 
 use crate::operator::latched_conditions::LatchedConditions;
 
-/// Why an experiment does not begin yet.
+/// Reason why an experiment does not begin yet.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Obstacles {
     /// Cause of the state.

@@ -28,7 +28,7 @@ const SILENT_TO_ABORT: u32 = 50;
 /// looking up a name.
 const SILENT_OUTSIDE: u32 = 750;
 
-/// What the tick's thread leaves for the guard, and the guard for it.
+/// Pulse that the tick's thread leaves for the guard, and the guard for it.
 #[derive(Debug)]
 pub struct Pulse {
     beats: AtomicU64,
@@ -92,7 +92,7 @@ impl Pulse {
     }
 }
 
-/// What the guard does about a tick that hangs.
+/// Action of the guard on a tick that hangs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OnSilence {
     /// It tells, then ends the process.
@@ -148,7 +148,7 @@ pub fn start(
 /// Looks between two of the kernel's count of stolen time: it is made anew from all CPUs' whenever it is read.
 const STOLEN_EVERY: u32 = 10;
 
-/// What a look showed.
+/// Finding of a look.
 enum Look {
     /// The tick went on.
     Alive,

@@ -1,4 +1,4 @@
-//! Whether this machine has what a configuration names: a place for the socket, a folder for recordings, a CPU.
+//! Check that this machine has what a configuration names: a place for the socket, a folder for recordings, a CPU.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use crate::machine::realtime::make_realtime;
 use crate::machine::trial_file::{try_file, try_socket};
 use crate::operator::socket::{SocketError, check_sockets};
 
-/// What of a configuration this machine cannot give.
+/// Demand of a configuration that this machine cannot meet.
 #[derive(Debug, thiserror::Error)]
 pub enum MachineError {
     /// The socket cannot be made.
@@ -23,7 +23,7 @@ pub enum MachineError {
         folder: PathBuf,
         /// The key that names it.
         key: &'static str,
-        /// What is wrong, and the fix.
+        /// Problem and fix.
         problem: String,
     },
     /// With `auto_arm`: too little room.
@@ -31,9 +31,9 @@ pub enum MachineError {
     NoRoom {
         /// The folder.
         folder: PathBuf,
-        /// What is free (MiB).
+        /// Free space (MiB).
         free_mib: u64,
-        /// What is needed (MiB).
+        /// Space that is needed (MiB).
         min_mib: u64,
     },
     /// There is no such CPU.
@@ -129,7 +129,7 @@ fn check_cpu(config: &Config) -> Result<(), MachineError> {
     Err(MachineError::Cpu { cpu, allowed: names.join(", ") })
 }
 
-/// What the machine refuses a thread that asks for what the tick needs; tried on a thread of its own.
+/// Rights that the machine refuses a thread that asks for what the tick needs; tried on a thread of its own.
 fn refused_realtime(config: &Config) -> Vec<String> {
     std::thread::scope(|scope| scope.spawn(|| make_realtime(&config.realtime)).join()).unwrap_or_default()
 }

@@ -1,6 +1,6 @@
 //! Makes the tick's thread a real-time one, as far as the machine allows.
 //!
-//! What it does not allow is told in one line each, with the limit to raise. With `realtime.enforce` (the default) nothing is
+//! Each right that it does not give is told in one line, with the limit to raise. With `realtime.enforce` (the default) nothing is
 //! armed then; without it the loop runs all the same, just later at times, and the recording shows how much.
 
 use rustix::mm::{MlockAllFlags, mlockall};
@@ -18,17 +18,17 @@ use crate::config::{Config, Pacing, Realtime};
 /// Memory that locking must be allowed for, far above what the daemon uses: 1 GiB.
 const ENOUGH_MEMORY: u64 = 1 << 30;
 
-/// Whether all memory is locked.
+/// Lock of all memory.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum MemoryLock {
-    /// It is.
+    /// All of it is locked.
     Locked,
-    /// It is not, for this reason.
+    /// It is not locked, for this reason.
     Refused(String),
 }
 
 impl MemoryLock {
-    /// Why it is not locked; `None` where it is.
+    /// Reason why it is not locked; `None` where it is.
     pub fn refusal(self) -> Option<String> {
         match self {
             MemoryLock::Locked => None,
@@ -37,7 +37,7 @@ impl MemoryLock {
     }
 }
 
-/// What this machine refused, and whether that keeps the rig from being armed.
+/// Refusals of this machine, and whether that keeps the rig from being armed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Rights {
     lines: Vec<String>,

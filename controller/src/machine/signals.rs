@@ -1,4 +1,4 @@
-//! What the daemon does with signals: each that would end a program by default is either an order or told and ignored.
+//! Handling of signals: each that would end a program by default is either an order or told and ignored.
 //!
 //! | signal | does |
 //! | --- | --- |
@@ -71,7 +71,7 @@ pub fn ordered_to_stop() -> bool {
     ORDERED_TO_STOP.get().is_some_and(|ordered| ordered.load(Ordering::Relaxed))
 }
 
-/// What a signal asks for.
+/// Order that a signal stands for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
     /// End the run; the stop flag is set already.
@@ -104,7 +104,7 @@ impl Signals {
         Ok(Signals { pending })
     }
 
-    /// What came since the last call; does not wait.
+    /// Orders that came since the last call; does not wait.
     pub fn orders(&mut self) -> Vec<Order> {
         self.pending.pending().map(order).collect()
     }

@@ -1,4 +1,4 @@
-//! What systemd is told: ready, alive, stopping (`sd_notify(3)`: a datagram to the socket that `NOTIFY_SOCKET` names).
+//! Messages to systemd: ready, alive, stopping (`sd_notify(3)`: a datagram to the socket that `NOTIFY_SOCKET` names).
 
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::ffi::OsStrExt;

@@ -1,4 +1,4 @@
-//! How long a tick of a configuration takes on this machine: run for a while, in lockstep, on an emulated rig.
+//! Duration of a configuration's tick on this machine: run for a while, in lockstep, on an emulated rig.
 //!
 //! The rig behind the emulated cRIO is the configuration's own model, so the trial also shows what the controller does
 //! where the model is right: whether it stays inside the safety envelope. Nothing real is connected, and what was
@@ -22,7 +22,7 @@ use crate::state::{Condition, State};
 /// Length of the trial, in s of the plant's time: a thousand ticks, so that the slowest in a thousand is among them.
 const SECONDS: f64 = 20.0;
 
-/// Why there is no trial.
+/// Reason why there is no trial.
 #[derive(Debug, thiserror::Error)]
 pub enum TrialError {
     /// The rig cannot stand behind a cRIO.
@@ -36,7 +36,7 @@ pub enum TrialError {
     Daemon(#[from] DaemonError),
 }
 
-/// What a trial showed.
+/// Findings of a trial.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct TickTrial {
     /// Ticks in which the pressures were controlled.

@@ -17,14 +17,14 @@ use crate::machine::signals::ordered_to_stop;
 
 /// Lines that may wait: with 160 characters each, 80 KiB.
 const MOST_LINES: usize = 512;
-/// How long the end waits for notices.
+/// Time that the end waits for notices.
 const NOTICE_TIME: Duration = Duration::from_secs(2);
-/// How long the end waits for anything once the process was asked to stop.
+/// Time that the end waits for anything once the process was asked to stop.
 const STOP_TIME: Duration = Duration::from_millis(500);
 /// Between two looks.
 const LOOK: Duration = Duration::from_millis(5);
 
-/// Where a line goes.
+/// Place where a line goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Stream {
     Out,
@@ -43,7 +43,7 @@ struct Counts {
     out_written: AtomicU64,
     err_written: AtomicU64,
     dropped: AtomicU64,
-    /// Why a result could not be written; a reader that has seen enough is no such reason.
+    /// Reason why a result could not be written; a reader that has seen enough is no such reason.
     failed: OnceLock<String>,
 }
 
@@ -87,7 +87,7 @@ fn write(queue: &Receiver<(Stream, String)>, counts: &Counts) {
     }
 }
 
-/// Whether who would read has gone: a closed pipe, a terminal that was hung up (EIO).
+/// Tells whether the reader has gone: a closed pipe, a terminal that was hung up (EIO).
 fn has_gone(error: &io::Error) -> bool {
     const EIO: i32 = 5;
     error.kind() == io::ErrorKind::BrokenPipe || error.raw_os_error() == Some(EIO)
@@ -194,7 +194,7 @@ impl Default for Throttle {
     }
 }
 
-/// What becomes of a notice.
+/// Treatment of a notice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Admission {
     /// It is printed, after so many that were held back.

@@ -1,15 +1,15 @@
-//! What a person is told of each condition: the number behind it, where to look, and what follows.
+//! Text for people on each condition: the number behind it, where to look, and what follows.
 
 use proto::wire::TripBits;
 use supervisor::condition::Latch;
 use supervisor::{Condition, Severity};
 
-/// What a recorded fault is called.
+/// Name of a recorded fault.
 pub fn fault_name(code: u16) -> &'static str {
     Condition::from_code(code).map_or("unknown fault", Condition::name)
 }
 
-/// Why a condition keeps the rig from being armed, in a clause: what a person may look at, without numbers.
+/// Reason why a condition keeps the rig from being armed, in a clause: what a person may look at, without numbers.
 pub fn why_barred(condition: Condition) -> String {
     match condition {
         Condition::NotRealtime => {
@@ -114,7 +114,7 @@ pub fn fault_text(code: u16, value: f64) -> String {
     }
 }
 
-/// How a link was lost: an error number of the system, 0 where the cRIO closed it, minus the seconds of a silence.
+/// Tells how a link was lost, by an error number of the system, 0 where the cRIO closed it, minus the seconds of a silence.
 fn how_lost(value: f64) -> String {
     match value {
         silence if silence < 0.0 => format!("nothing has come for {:.0} s; look at cable, switch and cRIO", -silence),
@@ -131,7 +131,7 @@ fn frozen(ticks: f64) -> String {
     format!(" sensor's reading has not moved in a single bit for {ticks:.0} ticks; it is stuck")
 }
 
-/// What has become of the rig: vented, or not even that is sure.
+/// State of the rig: vented, or not even that is sure.
 pub(crate) fn vented(fault: u16) -> &'static str {
     match Condition::from_code(fault).map(Condition::severity) {
         Some(Severity::Fault) => "FAULT",
@@ -139,7 +139,7 @@ pub(crate) fn vented(fault: u16) -> &'static str {
     }
 }
 
-/// What follows by itself, or what a person must do.
+/// Instruction: what follows by itself, or what a person must do.
 pub(crate) fn what_next(fault: u16) -> &'static str {
     match Condition::from_code(fault) {
         Some(

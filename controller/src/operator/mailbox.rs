@@ -34,7 +34,7 @@ const PLACES: usize = 2 * MOST_WAITING;
 /// Experiments that may wait for the desk: one is under way at a time, and the next begins only once it was fetched.
 const MOST_PLAYED: usize = 2;
 
-/// What the daemon is doing, as of the newest tick.
+/// State of the daemon as of the newest tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Status {
     /// The state.
@@ -48,14 +48,14 @@ pub struct Status {
     /// All conditions that wait for it.
     #[serde(default, skip_serializing_if = "is_nothing")]
     pub waiting: LatchedConditions,
-    /// When the newest frame came, ns of the daemon's monotonic clock; 0 before the first. The pressures are that old.
+    /// Time at which the newest frame came, ns of the daemon's monotonic clock; 0 before the first. The pressures are that old.
     #[serde(default)]
     pub received_ns: u64,
     /// Session, 0 without one.
     pub session: u32,
     /// Tick of the session.
     pub tick: u32,
-    /// Whether it could be armed now.
+    /// True where it could be armed now.
     pub can_arm: bool,
     /// Condition that keeps it from being armed, in standby.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -78,7 +78,7 @@ pub struct Status {
     /// Commands that the safety filter has changed since the start.
     #[serde(default)]
     pub filter_interventions: u64,
-    /// How far the experiment is that is under way.
+    /// Progress of the experiment that is under way.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub experiment: Option<ExperimentProgress>,
     /// Exploration that is on.
@@ -103,7 +103,7 @@ pub enum NotAsked {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Ticket(u64);
 
-/// What has become of a request.
+/// Fate of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fate {
     /// It waits for the tick.
@@ -137,7 +137,7 @@ pub struct Shown {
     pub through: Ticket,
 }
 
-/// What both sides share.
+/// State that both sides share.
 struct Shared {
     status: ArrayQueue<Shown>,
     orders: ArrayQueue<Order>,
@@ -344,12 +344,12 @@ impl OperatorMailbox {
         self.shared.disarm.store(true, Ordering::Release);
     }
 
-    /// Whether the tick has not seen the last disarming yet.
+    /// Tells whether the last disarming still waits for the tick to see it.
     pub fn disarm_waits(&self) -> bool {
         self.shared.disarm.load(Ordering::Acquire)
     }
 
-    /// What has become of a request.
+    /// Fate of a request.
     pub fn fate(&self, ticket: Ticket) -> Fate {
         let now = self.shared.place(ticket.0).load(Ordering::Acquire);
         match now & 3 {

@@ -1,4 +1,4 @@
-//! What the daemon tells a person: numbered notices, made in the tick without text, told outside it.
+//! Messages of the daemon to people: numbered notices, made in the tick without text, told outside it.
 
 use flight::Event;
 use handover::stage_now::LEVELS;
@@ -36,7 +36,7 @@ pub enum Notice {
     },
     /// The rig was vented.
     Vented {
-        /// Why.
+        /// Reason.
         cause: Condition,
         /// Tick.
         tick: u32,
@@ -45,14 +45,14 @@ pub enum Notice {
     },
     /// The link is gone while the rig is vented for something worse.
     Disconnected {
-        /// What ended the link.
+        /// Condition that ended the link.
         cause: Condition,
         /// Tick.
         tick: u32,
     },
     /// Venting is still in doubt.
     StillFaulted {
-        /// Why.
+        /// Reason.
         cause: Condition,
         /// Tick.
         tick: u32,
@@ -63,7 +63,7 @@ pub enum Notice {
     },
     /// HOLD began: the plan goes on with integrators still.
     Held {
-        /// Why.
+        /// Reason.
         condition: Condition,
         /// Tick.
         tick: u32,
@@ -72,7 +72,7 @@ pub enum Notice {
     },
     /// The fallback took over from the policy.
     Reverted {
-        /// Why.
+        /// Reason.
         condition: Condition,
         /// Tick.
         tick: u32,
@@ -104,7 +104,7 @@ pub enum Notice {
     FramesScarce {
         /// Tick.
         tick: u32,
-        /// Of the last hundred.
+        /// Missing frames of the last hundred.
         missing: u32,
     },
     /// It does not arm by itself, for nothing would be recorded.
@@ -112,7 +112,7 @@ pub enum Notice {
         /// Tick.
         tick: u32,
     },
-    /// What caused the venting is over.
+    /// The cause of the venting is over.
     Recovered {
         /// Tick.
         tick: u32,
@@ -121,7 +121,7 @@ pub enum Notice {
     FrameMissed {
         /// Tick.
         tick: u32,
-        /// How late it was by then, in ms.
+        /// Lateness by then, in ms.
         late_ms: f64,
     },
     /// The command left late.
@@ -130,26 +130,26 @@ pub enum Notice {
         tick: u32,
         /// Time from the expected frame to the command, in ms.
         took_ms: f64,
-        /// What it is put down to.
+        /// Cause that it is put down to.
         cause: MissCause,
     },
     /// A frame was damaged and dropped.
     FrameDamaged {
-        /// How many since the session began.
+        /// Number since the session began.
         count: u64,
     },
     /// A sound frame came that has no place in the session, and was dropped.
     FrameMisplaced {
-        /// How many frames were dropped since the session began.
+        /// Number of frames dropped since the session began.
         count: u64,
-        /// Which it was.
+        /// Kind of frame that it was.
         what: Misplaced,
     },
     /// Something happened to a policy.
     Policy {
         /// Tick.
         tick: u32,
-        /// What.
+        /// The event.
         event: PolicyEvent,
     },
     /// The safety filter bent a command toward vent, for the first time in a second.
@@ -194,6 +194,11 @@ pub enum Notice {
     },
     /// The flight reached its end.
     FlightOver {
+        /// Tick.
+        tick: u32,
+    },
+    /// The program is told to end.
+    Stopped {
         /// Tick.
         tick: u32,
     },
@@ -242,6 +247,7 @@ impl Notice {
             Notice::ExplorationOver { tick } => (29, [f64::from(tick), 0.0, 0.0, 0.0]),
             Notice::Played { tick } => (10, [f64::from(tick), 0.0, 0.0, 0.0]),
             Notice::FlightOver { tick } => (9, [f64::from(tick), 0.0, 0.0, 0.0]),
+            Notice::Stopped { tick } => (32, [f64::from(tick), 0.0, 0.0, 0.0]),
         };
         let level = match code {
             100.. => EventLevel::Error,
@@ -323,6 +329,7 @@ pub fn sentence(event: &Event) -> String {
         31 => format!("the cRIO sent {}; it was dropped ({a:.0} in this session)", Misplaced::text([b, c])),
         8 | 21..=25 => policy_sentence(event),
         9 => format!("the run is over {at}; both vents are commanded open"),
+        32 => format!("stopping {at}; both vents are commanded open"),
         20 => format!(
             "the safety filter acts {at}: duties {b:.3} and {c:.3} would have left the envelope and were bent toward vent"
         ),

@@ -1,4 +1,4 @@
-//! What is said over the operator's Unix socket: one JSON object per line, asked and answered.
+//! Protocol of the operator's Unix socket: one JSON object per line, asked and answered.
 //!
 //! `{"ask":"status"}`, `{"ask":"arm"}`, `{"ask":"disarm"}`, `{"ask":"acknowledge"}`,
 //! `{"ask":"reference","file":"/abs/path.csv"}`, `{"ask":"explore","switch":"on"}`, `{"ask":"experiment","file":"/abs/path.csv","csv":"…"}`; the answer is
@@ -51,17 +51,17 @@ const MOST_REPLY_BYTES: u64 = 1 << 20;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "ask", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Ask {
-    /// What is it doing?
+    /// Asks for the daemon's state.
     Status {},
     /// Control the pressures.
     Arm {},
     /// Open the vents.
     Disarm {},
-    /// Which policies are there, and how far are they?
+    /// Asks which policies are there, and how far they are.
     Policies {},
     /// Send a policy to the rig, or back to it.
     Swap {
-        /// Its name, or `fallback`.
+        /// Name, or `fallback`.
         name: String,
     },
     /// Take a candidate back, or go back to what controlled before.
@@ -71,7 +71,7 @@ pub enum Ask {
         /// Absolute path of the rig file, or the name of a built-in rig.
         file: PathBuf,
     },
-    /// What was wrong has been looked at.
+    /// A person has looked at what was wrong.
     Acknowledge {},
     /// Follow another reference.
     Reference {
@@ -83,7 +83,7 @@ pub enum Ask {
     },
     /// Add noise to the active policy's answers, or no more.
     Explore {
-        /// Whether it begins or ends.
+        /// Switch that begins or ends it.
         switch: Switch,
         /// Seed of the noise; left out, one from the clock.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -130,9 +130,9 @@ impl Ask {
 /// An answer.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Reply {
-    /// Whether it was done.
+    /// True where it was done.
     pub ok: bool,
-    /// Why not, one line.
+    /// Reason for a refusal, one line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
     /// The state; `connecting` without a session.
@@ -144,10 +144,10 @@ pub struct Reply {
     /// Age of the newest status, in ms; absent before the first tick.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub age_ms: Option<u64>,
-    /// What the daemon runs with.
+    /// Names of what the daemon runs with.
     #[serde(default)]
     pub running: Running,
-    /// What was done, one line, where it is not plain.
+    /// Account of what was done, one line, where it is not plain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub done: Option<String>,
     /// Caution about what was done, one line.
@@ -159,16 +159,16 @@ pub struct Reply {
     /// All policies, where they were asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub policies: Option<Vec<policy_store::Entry>>,
-    /// What is wrong with the policies' directory, if anything.
+    /// Problem with the policies' directory, if any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub policies_problem: Option<String>,
     /// The newest experiment of the run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub experiment: Option<ExperimentView>,
-    /// Whether `error` is about what was sent, not about what the daemon is doing.
+    /// True where `error` is about what was sent, not about what the daemon is doing.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub bad_input: bool,
-    /// What is wrong with the recording, if anything.
+    /// Problem with the recording, if any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording_problem: Option<String>,
 }
@@ -187,7 +187,7 @@ pub enum Venting {
     ArmedAgain,
 }
 
-/// Why the socket cannot be used.
+/// Reason why the socket cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum SocketError {
     /// Another daemon is there.
@@ -199,10 +199,10 @@ pub enum SocketError {
     /// Something else has that name.
     #[error("{}: this is no socket, and it is left alone; set control.socket to another path", .path.display())]
     NotASocket {
-        /// What is in the way.
+        /// File that is in the way.
         path: PathBuf,
     },
-    /// Its path, or that of the live viewers' socket beside it, has no room in a socket's address.
+    /// The path, or that of the live viewers' socket beside it, has no room in a socket's address.
     #[error(
         "{}: too long for a socket, {} bytes, and {} for the one for live viewers beside it ({}); each may have {MOST_PATH_BYTES}: choose a shorter control.socket",
         .path.display(), .path.as_os_str().len(), .live.as_os_str().len(), .live.file_name().unwrap_or_default().display()
@@ -218,7 +218,7 @@ pub enum SocketError {
     Make {
         /// The socket.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// Nobody answers.
@@ -226,7 +226,7 @@ pub enum SocketError {
     Silent {
         /// The socket.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// It closed the connection without an answer.
@@ -261,7 +261,7 @@ fn connect_within(path: &Path, time: Duration) -> io::Result<UnixStream> {
     Ok(UnixStream::from(std::os::fd::OwnedFd::from(socket)))
 }
 
-/// Whether somebody answers on a daemon's socket.
+/// Tells whether somebody answers on a daemon's socket.
 ///
 /// # Errors
 /// If that cannot be found out: no right to connect, or too many who wait.

@@ -1,4 +1,4 @@
-//! Who asks: the credentials that the kernel gives of the other end of a Unix socket.
+//! Identity of who asks: the credentials that the kernel gives of the other end of a Unix socket.
 
 use std::fmt;
 use std::os::unix::net::UnixStream;

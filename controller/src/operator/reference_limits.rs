@@ -1,4 +1,4 @@
-//! How near a reference may come to the safety envelope.
+//! Distance that a reference must keep from the safety envelope.
 //!
 //! A controller does not hold a pressure to the last pascal: around its reference it ripples, and a reference nearer to a
 //! limit than that ripple opens the vents by itself. So a reference is refused within [`RIPPLE_KPA`] of a limit and
@@ -35,7 +35,7 @@ pub fn examine(reference: &Reference, safety: &Safety, choice: &ReferenceChoice)
     }
 }
 
-/// How near a reference comes to the safety envelope.
+/// Judgement of a reference by its distance from the safety envelope.
 #[derive(Debug, Clone, PartialEq)]
 enum Margin {
     /// Far enough.
@@ -73,7 +73,7 @@ fn margin(reference: &Reference, safety: &Safety) -> Margin {
     }
 }
 
-/// Why a reference cannot be repeated although that is asked for, in one clause.
+/// Reason why a reference cannot be repeated although that is asked for, in one clause.
 fn too_short_to_repeat(reference: &Reference, choice: &ReferenceChoice) -> Option<String> {
     (choice.repeat && reference.end_s() < SHORTEST_REPEATED_S).then(|| {
         format!(
@@ -83,7 +83,7 @@ fn too_short_to_repeat(reference: &Reference, choice: &ReferenceChoice) -> Optio
     })
 }
 
-/// What a person should know of a reference that is repeated and does not end where it begins.
+/// Remark on a reference that is repeated and does not end where it begins.
 fn step_at_end(reference: &Reference, choice: &ReferenceChoice) -> Option<String> {
     let ([pos, neg], [pos_first, neg_first]) = (reference.at(reference.end_s()), reference.at(0.0));
     let steps = (pos - pos_first).abs() > STEP_KPA || (neg - neg_first).abs() > STEP_KPA;

@@ -31,7 +31,7 @@ impl ModelIdentity {
     }
 }
 
-/// What the daemon runs with, by name.
+/// Things that the daemon runs with, by name.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Running {
     /// Policy, or `fallback`.
@@ -58,7 +58,7 @@ pub struct Running {
     /// The reason why the fallback controls in place of a policy, one line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub why_fallback: Option<String>,
-    /// Who armed the rig, while it is armed.
+    /// Name of who armed the rig, while it is armed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub armed_by: Option<String>,
 }

@@ -37,7 +37,7 @@ const ANSWER_TIME: Duration = Duration::from_millis(1000);
 const LOOK: Duration = Duration::from_millis(5);
 /// Between two looks at the stop flag, while nobody does.
 const IDLE: Duration = Duration::from_millis(100);
-/// How long the thread may take to end; nothing in it waits, so only a machine that hangs takes longer.
+/// Time that the thread may take to end; nothing in it waits, so only a machine that hangs takes longer.
 const END: Duration = Duration::from_secs(2);
 
 /// The socket's thread.
@@ -77,7 +77,7 @@ struct Client {
     stage: Stage,
 }
 
-/// How far a connection has come.
+/// Stage of a connection.
 enum Stage {
     /// The request is coming.
     Reading { input: Vec<u8>, since: Instant },
@@ -154,7 +154,7 @@ impl Server {
         }
     }
 
-    /// Whether there is a place. Where all are taken the client goes that has not sent or read for longest; one that has
+    /// Tells whether there is a place. Where all are taken the client goes that has not sent or read for longest; one that has
     /// only just come or waits for the tick keeps its own, and whoever comes next waits in the socket's queue.
     fn has_room(&mut self) -> bool {
         if self.clients.len() < MOST_CLIENTS {
@@ -259,7 +259,7 @@ impl Client {
         }
     }
 
-    /// Whether the other end is closed for good; one that has only ended its own sending still waits for the answer.
+    /// Tells whether the other end is closed for good; one that has only ended its own sending still waits for the answer.
     fn has_left(&self) -> bool {
         let mut fds = [PollFd::new(&self.stream, PollFlags::empty())];
         let now = Timespec { tv_sec: 0, tv_nsec: 0 };

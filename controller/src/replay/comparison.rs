@@ -12,24 +12,24 @@ pub enum Stage {
     Sensing,
     /// State, fault, findings.
     State,
-    /// Where to go.
+    /// Place where to go.
     Reference,
     /// MPObs.
     Prediction,
-    /// What the policy was shown.
+    /// Observation that the policy was given.
     Observation,
-    /// What the policy answered.
+    /// Answer of the policy.
     Policy,
     /// The control law's terms.
     Law,
     /// The safety filter.
     Filter,
-    /// What was sent.
+    /// Takes note of the command that was sent.
     Command,
 }
 
 impl Stage {
-    /// What a person calls it.
+    /// Name for people.
     pub const fn name(self) -> &'static str {
         match self {
             Stage::Sensing => "sensing (volts to pressures)",
@@ -56,7 +56,7 @@ pub struct Difference {
     pub tick: u32,
     /// The first stage that differs.
     pub stage: Stage,
-    /// Its values, recorded and replayed.
+    /// Values, recorded and replayed.
     pub values: String,
 }
 

@@ -25,7 +25,7 @@ pub fn in_order(recordings: Vec<PathBuf>) -> Result<Vec<PathBuf>, RunFileError> 
 struct Part {
     folder: PathBuf,
     name: String,
-    /// Its number, from 1.
+    /// Number, from 1.
     number: u32,
     /// The name that the part before had when this one was begun.
     previous: Option<String>,

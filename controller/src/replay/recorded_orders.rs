@@ -13,7 +13,7 @@ use crate::experiment::pump_relay::PumpRelay;
 use crate::model_change::ModelDesk;
 use crate::replay::run_file::{RunFile, attached};
 
-/// What the recordings of a run hold of it so far.
+/// Orders of a run that its recordings hold so far.
 #[derive(Default)]
 pub(crate) struct RecordedOrders {
     /// Orders that are known, whether they were carried out or not; a later part of the run repeats those before it.

@@ -1,4 +1,4 @@
-//! Why a recording cannot be replayed at all.
+//! Reason why a recording cannot be replayed at all.
 
 use model::rig::RigError;
 use policy::PolicyError;
@@ -7,7 +7,7 @@ use proto::reference::ReferenceError;
 use crate::config::ConfigError;
 use crate::experiment::command_sequence::CommandSequenceError;
 
-/// Why a recording cannot be replayed at all.
+/// Reason why a recording cannot be replayed at all.
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
     /// A file is missing inside.
@@ -40,7 +40,7 @@ pub enum ReplayError {
         /// The damage, with the recording's name.
         note: String,
     },
-    /// What reached the tick was not recorded.
+    /// An input of the tick was not recorded.
     #[error(
         "{file}: the recording does not begin with a session's first tick; give the recording before it first, in the order of time"
     )]
@@ -61,7 +61,7 @@ pub enum ReplayError {
     PartMissing {
         /// The recording.
         file: String,
-        /// Its part.
+        /// Part.
         found: u32,
         /// The part before it.
         before: u32,
@@ -76,7 +76,7 @@ pub enum ReplayError {
         file: String,
         /// The file inside.
         name: &'static str,
-        /// What is wrong.
+        /// The problem.
         source: RigError,
     },
     /// The reference inside is none.
@@ -93,9 +93,9 @@ pub enum ReplayError {
     OtherPolicy {
         /// The recording.
         file: String,
-        /// Of the file inside.
+        /// Version of the file inside.
         found: String,
-        /// Of the run.
+        /// Version of the run.
         expected: String,
     },
 }

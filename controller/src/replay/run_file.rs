@@ -18,7 +18,7 @@ use crate::operator::notice::fault_name;
 use crate::state::State;
 use crate::yardstick::{Trial, yardstick};
 
-/// Why a file cannot be read back as a run.
+/// Reason why a file cannot be read back as a run.
 #[derive(Debug, thiserror::Error)]
 pub enum RunFileError {
     /// The file cannot be read.
@@ -26,7 +26,7 @@ pub enum RunFileError {
     Read {
         /// The file.
         file: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// An MCAP file that is no recording of the controller.
@@ -42,7 +42,7 @@ pub enum RunFileError {
 pub struct RunFile {
     /// The file.
     pub path: PathBuf,
-    /// What it holds.
+    /// Content.
     pub content: McapContent,
 }
 
@@ -62,7 +62,7 @@ impl RunFile {
         Ok(RunFile { path: path.to_owned(), content })
     }
 
-    /// Whether a file is an MCAP file, as the daemon writes, and no table.
+    /// Tells whether a file is an MCAP file, as the daemon writes, and no table.
     ///
     /// # Errors
     /// The file cannot be read.
@@ -70,7 +70,7 @@ impl RunFile {
         Ok(is_mcap(path, &bytes_of(path)?))
     }
 
-    /// Whether it ran in lockstep: then there were no deadlines.
+    /// Pacing of the run: in lockstep there were no deadlines.
     pub fn pacing(&self) -> Pacing {
         let lockstep = self.content.metadata.get("log_time").is_some_and(|text| text.starts_with("tick"));
         if lockstep { Pacing::Lockstep } else { Pacing::Realtime }
@@ -125,7 +125,7 @@ impl RunFile {
         }
     }
 
-    /// What the feed-forward PI reaches on the run's rig, or on its model where the rig was real, along its reference;
+    /// Errors of the feed-forward PI on the run's rig, or on its model where the rig was real, along its reference;
     /// `None` where the recording does not say enough, or the reference changed on the way.
     pub fn yardstick(&self) -> Option<RunYardstick> {
         let changes = |tick: &TickRecord| {
@@ -147,7 +147,7 @@ impl RunFile {
         yardstick(Trial { rig: plant.as_ref(), model: &model, reference, seconds, seed }).ok()
     }
 
-    /// What a report says about the run beside its ticks.
+    /// Facts that a report gives about the run beside its ticks.
     pub fn info(&self, title: &str, options: StatisticsOptions) -> FlightInfo {
         let codes = CodeNames { state: State::name, fault: fault_name };
         FlightInfo::from_recording(title, &self.content, codes, options)
@@ -164,7 +164,7 @@ fn bytes_of(path: &Path) -> Result<Vec<u8>, RunFileError> {
     Ok(unpacked(&path.display().to_string(), &bytes)?.into_owned())
 }
 
-/// Whether these are the first bytes of every MCAP file, or its name says so.
+/// Tells whether these are the first bytes of every MCAP file, or its name says so.
 fn is_mcap(path: &Path, bytes: &[u8]) -> bool {
     bytes.starts_with(&[0x89, b'M', b'C', b'A', b'P'])
         || path.extension().is_some_and(|end| end.eq_ignore_ascii_case("mcap"))

@@ -71,3 +71,59 @@ fn more_requests_than_a_record_holds_are_told_as_such() {
     let ended = replay.found().ended.unwrap();
     assert!(ended.starts_with("there were too many requests before this tick to record"), "{ended}");
 }
+
+/// The frame that was over the limit is in no record: it queued, and the next one was answered. Its number is missing.
+#[test]
+fn what_an_overtaken_frame_decided_is_replayed_and_only_where_one_can_have_been() {
+    let rig = Rig::builtin("dual_pressure").unwrap();
+    let new = || {
+        let reference = Reference::constant(85.0, -72.0);
+        let mut cycle = Cycle::new(&rig, None, reference, Safety::default(), Arming::Automatic).unwrap();
+        cycle.session_opened();
+        cycle
+    };
+    let frame = |tick: u32, volts: f32| Sense {
+        sequence: tick + 1,
+        clock_ns: 1 + u64::from(tick) * 20_000_000,
+        session: 1,
+        tick,
+        command_in_force: tick,
+        volts: [volts, 1.002, f32::NAN, f32::NAN],
+        duty: [1.0; 2],
+        state: CrioState::Idle,
+        pump_running: false,
+        trips: TripBits::NONE,
+        commands_missed: 0,
+    };
+    let mut cycle = new();
+    let mut records = Vec::new();
+    for tick in [0, 1, 2, 4, 5] {
+        if tick == 4 {
+            // 162 kPa, beyond the limit of 160.
+            cycle.overtaken(&frame(3, 1.65));
+        }
+        let sense = frame(tick, 1.002 + 0.0002 * tick as f32);
+        let mut record = TickRecord { session: 1, sense_present: true, sense: sense.encode(), ..TickRecord::default() };
+        cycle.observe(&sense, &mut record, &mut |_| ());
+        cycle.predict(&mut record);
+        cycle.decide(&mut record, &mut |_| ());
+        cycle.settle();
+        records.push(record);
+    }
+    let over = 1 << Condition::OverPressure.code();
+    assert_eq!(
+        records.iter().map(|record| record.findings & over != 0).collect::<Vec<_>>(),
+        [false, false, false, true, false]
+    );
+    let replayed = |records: &[TickRecord]| {
+        let mut replay = Replay { cycle: Some(new()), ..Replay::new(Vec::new()) };
+        records.iter().for_each(|record| replay.tick(record));
+        replay.found()
+    };
+    let found = replayed(&records);
+    assert_eq!((found.ticks, found.differing), (5, 0), "{:?}", found.first);
+    // A finding that no frame explains, where none is missing, is what a replay is there to find.
+    records.truncate(3);
+    records[2].findings |= over;
+    assert_eq!(replayed(&records).differing, 1);
+}

@@ -15,7 +15,7 @@ const KERNEL_TICK_NS: u64 = 10_000_000;
 /// Column of the stolen time in a line of `/proc/stat`, behind its name: user nice system idle iowait irq softirq steal.
 const STEAL: usize = 7;
 
-/// What a missed deadline is put down to.
+/// Cause that a missed deadline is put down to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum MissCause {
@@ -47,7 +47,7 @@ impl MissCause {
 pub struct TickTimes {
     /// From the frame in hand to the command sent, on the clock.
     pub wall_ns: u64,
-    /// The same by the thread's CPU time.
+    /// Time of the tick by the thread's CPU time.
     pub cpu_ns: u64,
     /// Time that the thread waited for a CPU since the last tick, as far as it is known.
     pub run_delay_ns: u64,
@@ -58,7 +58,7 @@ pub struct TickTimes {
 }
 
 impl TickTimes {
-    /// What a miss is put down to.
+    /// Cause that a miss is put down to.
     ///
     /// # Real-time
     /// May run in the tick.

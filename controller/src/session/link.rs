@@ -4,6 +4,9 @@
 //! receive time-out has the grain of the kernel's timer), and a send that would block means the cRIO has
 //! stopped reading, which is a lost link, not a reason to wait.
 
+mod broken;
+#[cfg(test)]
+mod burst_tests;
 mod link_error;
 #[cfg(test)]
 mod tests;
@@ -16,15 +19,19 @@ use std::time::Duration;
 use monitor::{FrameGate, Pacing, Rejection};
 use proto::wire::{Bye, ByeReason, Frame, FrameReader, Hello, RawFrame, Sense, SequenceCounter, WireError};
 use rustix::event::{PollFd, PollFlags, poll};
+use rustix::io::{Errno, ioctl_fionread};
 use rustix::time::Timespec;
 use socket2::{Domain, Protocol, SockRef, Socket, TcpKeepalive, Type};
 use supervisor::Condition;
 
+use broken::broken_stream;
+
 use crate::machine::clock::now_ns;
 
+pub use broken::Broken;
 pub use link_error::{Heard, LinkError};
 
-/// How long connecting and each answer of the handshake may take.
+/// Time that connecting and each answer of the handshake may take.
 const HANDSHAKE: Duration = Duration::from_millis(1000);
 /// Bytes taken in one tick: a thousand readings, twenty seconds of a machine that stood still. More is a flood.
 const MOST_BYTES: usize = 64 * 1024;
@@ -34,51 +41,22 @@ const SEND_BUFFER: usize = 4096;
 /// The daemon's name in HELLO.
 const NAME: &str = "controller";
 
-/// What waiting for a frame brought.
+/// Result of waiting for a frame.
 #[derive(Debug, Clone, Copy)]
 pub enum Incoming {
     /// The newest reading.
     Sense {
         /// The frame.
         sense: Sense,
-        /// Its bytes.
+        /// Bytes.
         raw: RawFrame,
-        /// When it was in hand.
+        /// Time at which it was in hand.
         at_ns: u64,
     },
     /// The deadline passed.
     Timeout,
     /// The link is gone, or must be closed.
     Lost(Broken),
-}
-
-/// Why a link is gone or must be closed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Broken {
-    /// The condition.
-    pub condition: Condition,
-    /// The number behind it; of a lost link the system's error, 0 where the cRIO closed it, minus the seconds of a silence.
-    pub value: f64,
-}
-
-impl Broken {
-    fn because(condition: Condition, value: f64) -> Self {
-        Broken { condition, value }
-    }
-
-    /// A cRIO that has said nothing for so long.
-    pub fn silent(ns: u64) -> Self {
-        Broken { condition: Condition::LinkLost, value: -(ns as f64) * 1e-9 }
-    }
-
-    /// Reason of the BYE that is said before closing.
-    pub fn bye_reason(self) -> ByeReason {
-        match self.condition {
-            Condition::VersionWrong => ByeReason::Version,
-            Condition::LinkLost | Condition::PeerLeft => ByeReason::Normal,
-            _ => ByeReason::ProtocolError,
-        }
-    }
 }
 
 /// A sound frame that a cRIO has no reason to send within a session.
@@ -88,9 +66,9 @@ pub enum Misplaced {
     Hello,
     /// It commands.
     Command,
-    /// Its reading belongs to another session.
+    /// The reading belongs to another session.
     Sense {
-        /// Which.
+        /// Session that it belongs to.
         session: u32,
     },
 }
@@ -105,7 +83,7 @@ impl Misplaced {
         }
     }
 
-    /// What a person is told about the frame with these numbers.
+    /// Text for people about the frame with these numbers.
     pub(crate) fn text([code, number]: [f64; 2]) -> String {
         match code as u8 {
             1 => "a HELLO in the middle of the session; has the cRIO's program begun anew?".to_owned(),
@@ -133,6 +111,8 @@ pub struct Link {
     taken: usize,
     /// Time by which the last wait for a reading ended later than was asked for, in ns.
     overslept_ns: u64,
+    /// Reason why the link is gone that came behind a reading, which is answered first.
+    broken: Option<Broken>,
 }
 
 impl Link {
@@ -156,6 +136,7 @@ impl Link {
             rejected: None,
             taken: 0,
             overslept_ns: 0,
+            broken: None,
         };
         let hello = Hello::new(link.sequence.advance(), now_ns(), link.session, NAME);
         let broken = |source| LinkError::Broken { address: address.to_owned(), source };
@@ -163,6 +144,7 @@ impl Link {
         let until = now_ns() + HANDSHAKE.as_nanos() as u64;
         // What came instead of the HELLO.
         let mut heard: Option<Heard> = None;
+        let mut is_over = false;
         loop {
             match link.reader.next_frame() {
                 Ok(Some(received)) => match received.frame {
@@ -188,7 +170,9 @@ impl Link {
                     }
                 },
                 Ok(None) => {
-                    let is_late = !link.wait(Some(until));
+                    // What had come by the end is read; what goes on coming is not waited for.
+                    let was_over = std::mem::replace(&mut is_over, is_past(Some(until)));
+                    let is_late = was_over || !link.wait(Some(until)).map_err(|errno| broken(errno.into()))?;
                     let read = if is_late { Ok(0) } else { link.reader.read_from(&mut link.socket) };
                     if read.as_ref().is_ok_and(|bytes| *bytes > 0) {
                         continue;
@@ -231,7 +215,7 @@ impl Link {
         self.rejected.take()
     }
 
-    /// Whether the cRIO samples at another rate, with the rate in Hz.
+    /// Condition that the cRIO samples at another rate, with the rate in Hz; `None` where it does not.
     ///
     /// # Real-time
     /// May run in the tick.
@@ -252,23 +236,34 @@ impl Link {
         self.damaged
     }
 
-    /// Waits for the newest reading until `until_ns` on the monotonic clock (`None`: for ever).
+    /// Waits for the newest reading until `until_ns` on the monotonic clock (`None`: for ever). Readings that it has overtaken,
+    /// because they came together, are shown to `overtaken`, the oldest first.
     ///
-    /// What has already come is taken first, so a late wake-up of this thread loses nothing.
+    /// Receives the next frame; what has already come is taken first, so a late wake-up of this thread loses nothing. What breaks the
+    /// link behind a reading is told by the next call: the reading may say why.
     ///
     /// # Real-time
-    /// Runs in the tick: waits no longer than asked, takes no more than a bounded number of bytes, allocates nothing.
-    pub fn receive(&mut self, until_ns: Option<u64>) -> Incoming {
+    /// Runs in the tick: waits no longer than asked, whatever keeps coming, takes no more than a bounded number of bytes, allocates
+    /// nothing.
+    pub fn receive(&mut self, until_ns: Option<u64>, overtaken: &mut dyn FnMut(&Sense)) -> Incoming {
         self.taken = 0;
         self.overslept_ns = 0;
+        if let Some(broken) = self.broken {
+            return Incoming::Lost(broken);
+        }
         loop {
-            match self.newest() {
+            let is_over = is_past(until_ns);
+            match self.newest(until_ns, overtaken) {
                 Ok(Some((sense, raw))) => return Incoming::Sense { sense, raw, at_ns: now_ns() },
+                Ok(None) if is_over => return Incoming::Timeout,
                 Ok(None) => {}
                 Err(broken) => return Incoming::Lost(broken),
             }
             let begun_ns = now_ns();
-            let has_come = self.wait(until_ns);
+            let has_come = match self.wait(until_ns) {
+                Ok(has_come) => has_come,
+                Err(errno) => return Incoming::Lost(lost_by(errno.raw_os_error())),
+            };
             // A wait whose end had passed before it began asked for nothing.
             let late_ns = until_ns.map_or(0, |until| now_ns().saturating_sub(until.max(begun_ns)));
             self.overslept_ns = self.overslept_ns.max(late_ns);
@@ -276,6 +271,14 @@ impl Link {
                 return Incoming::Timeout;
             }
         }
+    }
+
+    /// Reason why the link is gone, where that has come already behind the newest reading.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub(crate) fn broken(&self) -> Option<Broken> {
+        self.broken
     }
 
     /// Time by which this thread came back later from its last wait for a reading than it had asked to, in ns: it stood still.
@@ -309,13 +312,34 @@ impl Link {
     }
 
     /// Takes everything that has come and answers the newest reading in it.
-    fn newest(&mut self) -> Result<Option<(Sense, RawFrame)>, Broken> {
-        let mut newest = None;
+    fn newest(
+        &mut self,
+        until_ns: Option<u64>,
+        overtaken: &mut dyn FnMut(&Sense),
+    ) -> Result<Option<(Sense, RawFrame)>, Broken> {
+        let mut newest: Option<(Sense, RawFrame)> = None;
+        let taken = self.take_all(until_ns, |sense, raw| {
+            if let Some((older, _)) = newest.replace((sense, raw)) {
+                overtaken(&older);
+            }
+        });
+        match (newest, taken) {
+            (None, Err(broken)) => Err(broken),
+            (newest, taken) => {
+                self.broken = taken.err();
+                Ok(newest)
+            }
+        }
+    }
+
+    /// Takes everything that has come and hands on each reading in it; once the deadline has passed, no more than lies there then.
+    fn take_all(&mut self, until_ns: Option<u64>, mut read: impl FnMut(Sense, RawFrame)) -> Result<(), Broken> {
+        let mut left: Option<usize> = None;
         loop {
             match self.reader.next_frame() {
                 Ok(Some(received)) => match received.frame {
                     Frame::Sense(sense) if sense.session == self.session => match self.gate.judge(&sense, now_ns()) {
-                        Ok(()) => newest = Some((sense, received.raw)),
+                        Ok(()) => read(sense, received.raw),
                         Err(rejection) => self.rejected = Some(rejection),
                     },
                     Frame::Bye(bye) => {
@@ -329,18 +353,22 @@ impl Link {
                     if self.taken > MOST_BYTES {
                         return Err(Broken::because(Condition::LinkFlooded, self.taken as f64));
                     }
+                    if left.is_none() && is_past(until_ns) {
+                        // At least one read: it finds what has no bytes, the end of the link or an error.
+                        left = Some(ioctl_fionread(&self.socket).map_or(1, |bytes| bytes.max(1) as usize));
+                    }
+                    if left == Some(0) {
+                        return Ok(());
+                    }
                     match self.reader.read_from(&mut self.socket) {
-                        Ok(0) => {
-                            return newest
-                                .map_or(Err(Broken::because(Condition::LinkLost, 0.0)), |newest| Ok(Some(newest)));
+                        Ok(0) => return Err(lost_by(0)),
+                        Ok(bytes) => {
+                            self.taken += bytes;
+                            left = left.map(|left| left.saturating_sub(bytes));
                         }
-                        Ok(bytes) => self.taken += bytes,
-                        Err(e) if e.kind() == io::ErrorKind::WouldBlock => return Ok(newest),
+                        Err(e) if e.kind() == io::ErrorKind::WouldBlock => return Ok(()),
                         Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
-                        Err(e) => {
-                            let errno = e.raw_os_error().unwrap_or(0);
-                            return Err(Broken::because(Condition::LinkLost, f64::from(errno)));
-                        }
+                        Err(e) => return Err(lost_by(e.raw_os_error().unwrap_or(0))),
                     }
                 }
                 Err(damage) if damage.is_fatal() => return Err(broken_stream(damage.error)),
@@ -355,31 +383,31 @@ impl Link {
     }
 
     /// Waits until there is something to read; `false` at the deadline.
-    fn wait(&self, until_ns: Option<u64>) -> bool {
+    fn wait(&self, until_ns: Option<u64>) -> Result<bool, Errno> {
         loop {
             let left = until_ns.map(|until| until.saturating_sub(now_ns()));
             let timeout =
                 left.map(|ns| Timespec { tv_sec: (ns / 1_000_000_000) as i64, tv_nsec: (ns % 1_000_000_000) as _ });
             let mut fds = [PollFd::new(&self.socket, PollFlags::IN)];
             match poll(&mut fds, timeout.as_ref()) {
-                Ok(0) => return false,
-                Err(rustix::io::Errno::INTR) if left != Some(0) => {}
+                Ok(0) => return Ok(false),
                 // An error of the socket itself is found by the read that follows.
-                _ => return true,
+                Ok(_) => return Ok(true),
+                Err(Errno::INTR) => {}
+                Err(errno) => return Err(errno),
             }
         }
     }
 }
 
-fn broken_stream(error: WireError) -> Broken {
-    match error {
-        WireError::Version { found, .. } => Broken::because(Condition::VersionWrong, f64::from(found)),
-        WireError::Magic { header } => {
-            let first = header.as_bytes().iter().take(4).fold(0u32, |word, byte| (word << 8) | u32::from(*byte));
-            Broken::because(Condition::StreamBroken, f64::from(first))
-        }
-        _ => Broken::because(Condition::StreamBroken, f64::from(proto::wire::MAGIC)),
-    }
+/// Tells whether a time on the monotonic clock has passed; `None` never does.
+fn is_past(until_ns: Option<u64>) -> bool {
+    until_ns.is_some_and(|until| now_ns() >= until)
+}
+
+/// A link that the system gave up with this error; 0 where the cRIO closed it.
+fn lost_by(errno: i32) -> Broken {
+    Broken::because(Condition::LinkLost, f64::from(errno))
 }
 
 fn connect(address: &str) -> Result<TcpStream, LinkError> {

@@ -26,27 +26,27 @@ use crate::machine::clock::now_ns;
 const QUEUE: usize = 1_024;
 /// Viewers at a time.
 const MOST_VIEWERS: usize = 4;
-/// What a viewer may lag behind before it is cut off (bytes): some 20 s of ticks.
+/// Backlog that a viewer may have before it is cut off (bytes): some 20 s of ticks.
 const MOST_BACKLOG: usize = 1 << 20;
 /// Between two looks of the thread: half a tick.
 const LOOK: Duration = Duration::from_millis(10);
 
 /// Between two looks at whether anything is recorded.
 const RECORDING_EVERY: Duration = Duration::from_millis(200);
-/// How often the state is told although it has not changed.
+/// Longest time between two tellings of the state, for it is told although it has not changed.
 const STATE_EVERY: Duration = Duration::from_secs(1);
 
-/// Why the stream's socket cannot be made.
+/// Reason why the stream's socket cannot be made.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: the socket for live viewers cannot be made: {source}; set control.socket to a folder that can be written", .path.display())]
 pub struct StreamError {
     /// The socket.
     pub path: PathBuf,
-    /// What the system said.
+    /// Error of the system.
     pub source: io::Error,
 }
 
-/// What the recorder's thread and the stream's share.
+/// State that the recorder's thread and the stream's share.
 #[derive(Debug)]
 struct Shared {
     queue: ArrayQueue<Vec<u8>>,

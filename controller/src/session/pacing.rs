@@ -1,4 +1,4 @@
-//! When the next frame is due.
+//! Time at which the next frame is due.
 //!
 //! The cRIO is the master of time: the grid follows its frames. Each arrival pulls the grid by at most
 //! 0.1 ms, so that one late frame does not shift what counts as late; an arrival far off starts the
@@ -7,13 +7,13 @@
 
 /// Period of the ticks, 20 ms.
 pub const PERIOD_NS: u64 = 20_000_000;
-/// How long a frame may be overdue before the tick runs without it: 6 ms.
+/// Time that a frame may be overdue before the tick runs without it: 6 ms.
 pub const FRAME_GRACE_NS: u64 = 6_000_000;
-/// How long after its frame was due the command must be out: 14 ms.
+/// Time after its frame was due by which the command must be out: 14 ms.
 pub const COMMAND_DEADLINE_NS: u64 = 14_000_000;
-/// How far one arrival may move the grid: 0.1 ms.
+/// Distance by which one arrival may move the grid: 0.1 ms.
 const SLEW_NS: i64 = 100_000;
-/// How far off an arrival starts the grid anew: a quarter of a period.
+/// Distance off the grid at which an arrival starts it anew: a quarter of a period.
 const LOST_NS: i64 = 5_000_000;
 
 /// The grid of expected arrivals.
@@ -30,12 +30,12 @@ impl Grid {
         Grid { due_ns: now_ns, off: 0 }
     }
 
-    /// When the next frame is due.
+    /// Time at which the next frame is due.
     pub fn due_ns(&self) -> u64 {
         self.due_ns
     }
 
-    /// When a tick without a frame must begin.
+    /// Time at which a tick without a frame must begin.
     pub fn give_up_ns(&self) -> u64 {
         self.due_ns + FRAME_GRACE_NS
     }

@@ -1,4 +1,4 @@
-//! How long a run lasts: seconds are seconds, whatever happens in them.
+//! Length of a run: seconds are seconds, whatever happens in them.
 //!
 //! A run that is to last `S` seconds ends `S` after it was first armed. What comes between (a fault, a lost link, standing
 //! by with nobody to arm again, arming anew) neither stops that time nor begins it again. It passes twice: in ticks,
@@ -18,13 +18,13 @@ const LOCKSTEP_SILENCE_NS: u64 = 10_000_000_000;
 /// From when on the time of a run passes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Begins {
-    /// When the rig is first armed.
+    /// Time at which the rig is first armed.
     WhenArmed,
-    /// When the rig is first armed, or a second after the first tick if it is not: for a run that arms itself.
+    /// Time at which the rig is first armed, or a second after the first tick if it is not: for a run that arms itself.
     WhenArmedOrSoon,
 }
 
-/// Which clock ends a run beside its ticks.
+/// Clock that ends a run beside its ticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RunClock {
     /// The daemon's: it passes as the ticks do.
@@ -93,7 +93,7 @@ impl RunLength {
         }
     }
 
-    /// Whether the run's time is over.
+    /// Tells whether the run's time is over.
     ///
     /// # Real-time
     /// Runs in the tick, and between sessions.
@@ -113,7 +113,7 @@ impl RunLength {
     }
 }
 
-/// Whether the rig was under control in a tick.
+/// State of a tick for the length of a run: under control or not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Armed {
     /// Under control.

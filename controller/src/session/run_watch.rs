@@ -20,7 +20,7 @@ use crate::reload::{ReloadError, Reloaded, needs_restart, read_aside};
 /// Between two looks of the main thread.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// What the main thread looks after while the others work.
+/// Things that the main thread looks after while the others work.
 pub(super) struct Watch<'a> {
     signals: Signals,
     config: &'a Config,

@@ -19,16 +19,16 @@ use crate::operator::notice::Notice;
 use crate::session::attribution::{TickTimes, thread_cpu_ns};
 use crate::session::link::{Broken, Incoming, Link};
 use crate::session::pacing::{COMMAND_DEADLINE_NS, FRAME_GRACE_NS, Grid};
-use crate::session::{Session, is_armed, serve_requests, tell};
+use crate::session::{Session, is_armed, serve_requests, show_waiting, tell};
 
 /// Ticks without a frame after which the link counts as lost: 1 s.
 const LINK_LOST_TICKS: u32 = 50;
 /// In lockstep a cRIO that is silent for this long is gone.
 const LOCKSTEP_PATIENCE_NS: u64 = 5_000_000_000;
-/// How often a wait looks whether it should end.
+/// Time between two looks of a wait whether it should end.
 const STOP_CHECK_NS: u64 = 100_000_000;
 
-/// Why a session ended.
+/// Reason why a session ended.
 pub(crate) enum Ending {
     /// Asked to, or the run is over.
     Finished,
@@ -53,7 +53,7 @@ impl Counts {
     }
 }
 
-/// What is remembered from tick to tick of one session.
+/// Memory from tick to tick of one session.
 struct Watch {
     grid: Option<Grid>,
     last_heard_ns: u64,
@@ -100,8 +100,7 @@ pub(crate) fn one_session<H: DutySource>(session: &mut Session<H>, link: &mut Li
             tell(&mut session.sink, Notice::FlightOver { tick: sequence_tick });
         }
         if run_is_over || session.stop.load(Ordering::Relaxed) {
-            part(link, sequence_tick, ByeReason::Normal);
-            return Ending::Finished;
+            return finished(session, link, sequence_tick);
         }
         let mut record =
             TickRecord { session: link.session(), records_dropped: session.sink.dropped(), ..TickRecord::default() };
@@ -120,7 +119,9 @@ pub(crate) fn one_session<H: DutySource>(session: &mut Session<H>, link: &mut Li
         show(session, link, &record, counts, watch.last_heard_ns);
         keep(session, &record);
         if !sent {
-            return lost(session, link, sequence_tick, Broken { condition: Condition::NotRead, value: 0.0 });
+            // Where the cRIO has said why it reads no more, that is the reason.
+            let broken = link.broken().unwrap_or(Broken { condition: Condition::NotRead, value: 0.0 });
+            return lost(session, link, sequence_tick, broken);
         }
         if session.cycle.missing() > LINK_LOST_TICKS {
             return lost(session, link, sequence_tick, Broken::silent(u64::from(LINK_LOST_TICKS) * TICK_NS));
@@ -130,8 +131,7 @@ pub(crate) fn one_session<H: DutySource>(session: &mut Session<H>, link: &mut Li
             return lost(session, link, sequence_tick, Broken { condition: Condition::FramesDamaged, value });
         }
         if session.cycle.is_over() {
-            part(link, sequence_tick, ByeReason::Normal);
-            return Ending::Finished;
+            return finished(session, link, sequence_tick);
         }
         if session.cycle.renew_session() {
             link.bye(ByeReason::Fault);
@@ -158,7 +158,7 @@ fn answer<H: DutySource>(
         (Some(grid), true) => grid.give_up_ns(),
         _ => now_ns() + STOP_CHECK_NS,
     };
-    let incoming = link.receive(Some(until));
+    let incoming = link.receive(Some(until), &mut |sense| session.cycle.overtaken(sense));
     note_damage(session, link, watch, record);
     match incoming {
         Incoming::Sense { sense, raw, at_ns } => {
@@ -225,7 +225,7 @@ fn note_damage<H: DutySource>(session: &mut Session<H>, link: &mut Link, watch: 
     );
 }
 
-/// What this loop has found since the last tick counts in this one.
+/// Reports what this loop has found since the last tick, which counts in this one.
 fn report<H: DutySource>(session: &mut Session<H>, link: &Link, counts: &Counts, watch: &mut Watch) {
     if let Some(condition) = counts.bars_arming {
         session.cycle.report(condition, 0.0);
@@ -345,6 +345,21 @@ fn command(link: &mut Link, tick: u32, answer: &ActuatorCommand) -> ([u8; proto:
         digital_outputs: if answer.pump_on { Command::PUMP_ON } else { 0 },
     };
     (command.encode(), sequence)
+}
+
+/// Ends the session with the run, by the state function as every transition.
+fn finished<H: DutySource>(session: &mut Session<H>, link: &mut Link, tick: u32) -> Ending {
+    // A run that came to its end has said so.
+    let is_told_to = session.stop.load(Ordering::Relaxed);
+    let Session { cycle, sink, .. } = session;
+    cycle.stop(&mut |notice| {
+        if is_told_to {
+            tell(sink, notice);
+        }
+    });
+    show_waiting(session);
+    part(link, tick, ByeReason::Normal);
+    Ending::Finished
 }
 
 /// Vents, says BYE.

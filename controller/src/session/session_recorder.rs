@@ -48,7 +48,7 @@ use crate::session::run_length::RunLength;
 use crate::session::run_watch::Watch;
 use crate::session::{Session, run_session};
 
-/// How long the tick's thread may take to end: it looks at its orders ten times a second, but a name that is being
+/// Time that the tick's thread may take to end: it looks at its orders ten times a second, but a name that is being
 /// resolved or a cRIO that is being connected to holds it longer.
 pub(super) const TICK_END: Duration = Duration::from_secs(3);
 /// Time that the file which says who did what may take at the end to be written: a disk that answers needs some ms.
@@ -60,7 +60,7 @@ const STALE_LOCKSTEP: Duration = Duration::from_secs(1);
 /// Program and version, as recordings and reports name it.
 pub const PROGRAM: &str = concat!("controller ", env!("CARGO_PKG_VERSION"));
 
-/// Why a flight cannot start or was not recorded well.
+/// Reason why a flight cannot start or was not recorded well.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
     /// The recording cannot be made.
@@ -71,9 +71,9 @@ pub enum SessionError {
     NoRoom {
         /// The folder.
         directory: PathBuf,
-        /// What is free (MiB).
+        /// Free space (MiB).
         free_mib: u64,
-        /// What is needed (MiB).
+        /// Space that is needed (MiB).
         min_mib: u64,
     },
     /// The tick's thread does not end.
@@ -84,7 +84,7 @@ pub enum SessionError {
     Directory {
         /// The folder.
         directory: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// The operator's socket cannot be made.
@@ -107,25 +107,25 @@ pub enum SessionError {
     Died,
 }
 
-/// What a run leaves in its recording, and who sees and ends it.
+/// Settings of a recorded run: what it leaves in its recording, and who sees and ends it.
 pub struct SessionRecorder {
-    /// Where the recording goes; by default files named after the time in the configured folder.
+    /// Place where the recording goes; by default files named after the time in the configured folder.
     pub file: Option<PathBuf>,
-    /// How such files' names begin.
+    /// Beginning of such files' names.
     pub stem: &'static str,
     /// The policy's name and hash, where one runs.
     pub policy: Option<(String, String)>,
-    /// What the recording says about itself, by name.
+    /// Entries of the recording about itself, by name.
     pub extra: Vec<(String, String)>,
     /// Files that go into the recording.
     pub attachments: Vec<Attachment>,
-    /// What a person should know at the start.
+    /// Remarks for people at the start.
     pub remarks: Vec<String>,
     /// Words for events.
     pub event_text: fn(&Event) -> String,
-    /// What an operator may do; `None`: there is no socket.
+    /// Permissions of an operator; `None`: there is no socket.
     pub operator: Option<May>,
-    /// What the daemon runs with, for those who ask.
+    /// Names of what the daemon runs with, for those who ask.
     pub running: Running,
     /// The reference that is followed, where there is one.
     pub followed: Option<Arc<Reference>>,
@@ -137,7 +137,7 @@ pub struct SessionRecorder {
     pub observer: Observer,
     /// Set to end the run; signals set it too.
     pub stop: Arc<AtomicBool>,
-    /// How long the run lasts.
+    /// Length of the run.
     pub length: RunLength,
 }
 
@@ -329,7 +329,7 @@ fn keeping(notes: Noter) -> KeepOrder {
     })
 }
 
-/// What live viewers are sent about a run.
+/// Facts that live viewers are sent about a run.
 fn about(info: &RecordingInfo) -> BTreeMap<String, String> {
     let mut about = info.extra.clone();
     about.insert("program".to_owned(), info.program.clone());

@@ -26,7 +26,7 @@ pub enum ControlledBy {
 /// Motion of the integrators.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Integration {
-    /// They do.
+    /// They move.
     On,
     /// They stand still, and duties move slowly.
     Off,
@@ -77,15 +77,15 @@ pub enum Acknowledgement {
 /// Action of one tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Action {
-    /// What goes to the valves.
+    /// Command to the valves.
     pub actuation: Actuation,
     /// Whose duties count.
     pub controlled_by: ControlledBy,
     /// Motion of the integrators.
     pub integration: Integration,
-    /// What a person is told.
+    /// Transition as a person is told of it.
     pub transition: Transition,
-    /// What came of an acknowledgement.
+    /// Outcome of an acknowledgement.
     pub acknowledgement: Acknowledgement,
     /// Tells whether the cRIO's trip may be ended by a new HELLO now.
     pub renew_session: bool,

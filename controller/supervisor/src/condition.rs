@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// What a condition makes the daemon do.
+/// Consequence of a condition for the daemon.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Severity {
     /// It is told and counted.
@@ -23,7 +23,7 @@ pub enum Severity {
     Fault,
 }
 
-/// Whether a condition that is over must be acknowledged by a person before the rig can be armed.
+/// Memory of a condition: whether a person must acknowledge it once it is over, before the rig can be armed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Latch {
     /// It clears by itself.
@@ -46,12 +46,12 @@ macro_rules! conditions {
             /// All conditions, from the least to the worst.
             pub const ALL: &'static [Condition] = &[$(Condition::$name,)*];
 
-            /// What it makes the daemon do.
+            /// Consequence for the daemon.
             pub const fn severity(self) -> Severity {
                 match self { $(Condition::$name => Severity::$severity,)* }
             }
 
-            /// Whether it waits for a person.
+            /// Memory of it: whether it waits for a person.
             pub const fn latch(self) -> Latch {
                 match self { $(Condition::$name => Latch::$latch,)* }
             }
@@ -177,7 +177,7 @@ impl Condition {
         Self::ALL.iter().position(|c| *c == self).unwrap_or(0)
     }
 
-    /// Whether a new session would undo somebody's decision at the cRIO, so that none is opened before a person
+    /// Tells whether a new session would undo somebody's decision at the cRIO, so that none is opened before a person
     /// has acknowledged it.
     pub const fn bars_session(self) -> bool {
         matches!(self, Condition::CrioTripped | Condition::TripBits)

@@ -35,12 +35,12 @@ impl ConditionSet {
         self.bits &= !(1 << condition.rank());
     }
 
-    /// Whether it is there.
+    /// Tells whether it is there.
     pub fn contains(&self, condition: Condition) -> bool {
         self.bits & (1 << condition.rank()) != 0
     }
 
-    /// Whether nothing is there.
+    /// Tells whether nothing is there.
     pub fn is_empty(&self) -> bool {
         self.bits == 0
     }
@@ -109,7 +109,7 @@ mod tests {
         assert!(set.is_empty());
     }
 
-    /// What a recorded tick found bars arming by the same condition as it did in the tick, of two as well.
+    /// Arming is barred by a recorded tick's conditions as it was in the tick, of two as well.
     #[test]
     fn recorded_conditions_bar_as_those_of_the_tick() {
         let bars: Vec<Condition> =

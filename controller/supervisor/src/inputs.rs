@@ -24,7 +24,7 @@ pub enum Request {
     Play,
     /// Control the pressures.
     Arm,
-    /// What was wrong has been looked at.
+    /// A person has looked at what was wrong.
     Acknowledge,
     /// Open the vents.
     Disarm,
@@ -44,9 +44,9 @@ pub enum Arming {
 /// Inputs of one call.
 #[derive(Debug, Clone, Copy)]
 pub struct Inputs<'a> {
-    /// What made this call.
+    /// Kind of tick that made this call.
     pub tick: Tick,
-    /// What is wrong now.
+    /// Present faults.
     pub conditions: &'a ConditionSet,
     /// Request of this tick, where there is one.
     pub request: Option<Request>,

@@ -13,9 +13,9 @@ pub const FRAMES_TO_ARM: u32 = 25;
 pub struct Memory {
     /// The state.
     pub state: State,
-    /// Why the state is HOLD, VENT or FAULT, or why the last session ended; the worst so far.
+    /// Reason why the state is HOLD, VENT or FAULT, or why the last session ended; the worst so far.
     pub cause: Option<Condition>,
-    /// Why the policy does not control, while it does not.
+    /// Reason why the policy does not control, while it does not.
     pub reverted: Option<Condition>,
     /// Conditions that wait for a person.
     pub latched: ConditionSet,

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::condition::Condition;
 
-/// What the daemon is doing.
+/// State of the daemon.
 ///
 /// 0 … 2 are the codes that recordings have always carried; the others follow in the order in which they came to be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
@@ -81,12 +81,12 @@ impl State {
         State::name(self.code())
     }
 
-    /// Whether the valves are being controlled: RUN, HOLD, REVERT.
+    /// Tells whether the valves are being controlled: RUN, HOLD, REVERT.
     pub const fn is_controlling(self) -> bool {
         matches!(self, State::Run | State::Hold | State::Revert)
     }
 
-    /// Whether the vents are open because of `cause`.
+    /// Tells whether the vents are open because of `cause`.
     pub const fn is_vented(self) -> bool {
         matches!(self, State::Vent | State::Fault)
     }

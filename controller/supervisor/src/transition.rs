@@ -68,7 +68,7 @@ pub fn next(memory: &Memory, inputs: &Inputs<'_>) -> (Memory, Action) {
     (after, action)
 }
 
-/// What is in doubt is not integrated, also where something worse has made another state of it.
+/// Decides about integration: what is in doubt is not integrated, also where something worse has made another state of it.
 fn integration(memory: &Memory, inputs: &Inputs<'_>) -> Integration {
     let in_doubt = inputs.conditions.iter().any(|c| c.severity() == Severity::Hold);
     match memory.state {

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use model::rig::Rig;
 use proto::emulator::{Emulator, EmulatorConfig, EmulatorHandle, Pace, rig_and_crio};
 
-/// How often a wait looks.
+/// Time between two looks of a wait.
 const LOOK: Duration = Duration::from_millis(5);
 /// Generous: how long anything may take on a machine that does other things as well.
 pub const SOON: Duration = Duration::from_secs(60);
@@ -74,7 +74,7 @@ impl Drop for Folder {
     }
 }
 
-/// How a child ended.
+/// End of a child.
 #[derive(Debug)]
 pub struct Ended {
     pub status: Option<i32>,

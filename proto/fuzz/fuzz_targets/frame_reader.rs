@@ -62,7 +62,7 @@ fn read(stream: &[u8], pieces: &[u8]) -> Vec<Outcome> {
     outcomes
 }
 
-/// The same, by decoding frame after frame from the whole stream.
+/// Reads them by decoding frame after frame from the whole stream.
 fn walk(stream: &[u8]) -> Vec<Outcome> {
     let mut outcomes = Vec::new();
     let mut rest = stream;

@@ -3,7 +3,7 @@
 //! Ticks on a linear axis stand at whole multiples of 1, 2 or 5 times a power of ten; on a
 //! logarithmic one at powers of ten, with 2 and 5 between them when there are few.
 
-/// How an axis runs.
+/// Course of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) enum Scale {
     #[default]

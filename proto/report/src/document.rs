@@ -8,7 +8,7 @@ use crate::markup::escape;
 use crate::plot::Plot;
 use crate::table::Table;
 
-/// Whether a key figure is as it should be.
+/// Verdict on a key figure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// Within its limit.

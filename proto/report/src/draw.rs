@@ -79,7 +79,7 @@ pub(crate) fn svg(plot: &Plot, name: &str) -> String {
 /// Names along the x axis.
 struct Names<'a> {
     names: &'a [String],
-    /// Whether they stand upright because they do not fit beside each other.
+    /// True where they stand upright because they do not fit beside each other.
     upright: bool,
     /// Room that they need below the axis beside that of numbers (pixels).
     extra_height: f64,

@@ -1,6 +1,6 @@
 //! Counts of values in bins.
 
-/// How many values fall between neighbouring edges.
+/// Numbers of values between neighbouring edges.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Histogram {
     /// Bin edges, one more than counts, ascending.

@@ -1,4 +1,4 @@
-//! What makes a page one to work with: the plots' numbers as data, and the script that draws them anew.
+//! Parts that make a page one to work with: the plots' numbers as data, and the script that draws them anew.
 //!
 //! The pictures in the page are complete without it: a mail program that runs no scripts shows them, and so does paper.
 //! Where scripts run, the same plots are drawn from their numbers, as wide as the window, with values under the pointer,

@@ -14,7 +14,7 @@ pub struct Plot {
     pub(crate) x_label: String,
     pub(crate) x_scale: Scale,
     pub(crate) x_range: Option<(f64, f64)>,
-    /// What stands at 1, 2, 3 … on the x axis; empty for an axis of numbers.
+    /// Words at 1, 2, 3 … on the x axis; empty for an axis of numbers.
     pub(crate) x_names: Vec<String>,
     pub(crate) panels: Vec<Panel>,
 }

@@ -1,4 +1,4 @@
-//! What a panel shows.
+//! Series that a panel shows.
 
 use crate::color::Color;
 use crate::histogram::Histogram;

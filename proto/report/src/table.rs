@@ -67,7 +67,7 @@ impl Table {
         out
     }
 
-    /// Whether every filled cell of a column begins like a number, and one is filled; a time of day is none.
+    /// Tells whether every filled cell of a column begins like a number, and one is filled; a time of day is none.
     fn holds_numbers(&self, column: usize) -> bool {
         let mut filled = self.rows.iter().filter_map(|row| row.get(column)).filter(|cell| !cell.is_empty()).peekable();
         filled.peek().is_some()

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use report::{decimate, ticks_linear, ticks_log};
 
-/// Whether a value is 1, 2 or 5 times a power of ten, read from its decimal digits.
+/// Tells whether a value is 1, 2 or 5 times a power of ten, read from its decimal digits.
 fn is_round(value: f64) -> bool {
     // Twelve digits: a difference of two ticks carries the rounding of both.
     let text = format!("{value:.11e}");

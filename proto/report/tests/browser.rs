@@ -11,7 +11,7 @@ use std::process::{Command, Stdio};
 
 use report::{Color, Histogram, Line, Panel, Plot, Report};
 
-/// What the reader does, and what he sees: lines of `key=value`.
+/// Acts of the reader, and his view after them: lines of `key=value`.
 const HAND: &str = r#"<script>
 addEventListener('load', () => setTimeout(() => {
   const out = {}, root = document.documentElement, figure = document.querySelector('figure');

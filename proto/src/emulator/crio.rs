@@ -9,7 +9,7 @@
 //!      └──────────── └───────────────────────► tripped, vented; a new HELLO leads to idle
 //! ```
 //! The caller feeds it HELLO and COMMAND frames as they come and calls [`Crio::edge`] once a tick.
-//! What the protocol's page leaves open is listed in the module above.
+//! All that the protocol's page leaves open is listed in the module above.
 
 use crate::wire::{
     Command, CrioState, Hello, HelloRefusal, MAX_TTL_TICKS, Mode, RATE_MILLIHERTZ, Sense, TripBits, VERSION, is_newer,
@@ -19,7 +19,7 @@ use super::sensors::{BROKEN_ABOVE_V, BROKEN_BELOW_V, PSE540A_R06, PSE541A_R06, S
 
 const VENTED: [f32; 2] = [1.0, 1.0];
 
-/// What the cRIO is: its name, its channels, its own limits.
+/// Properties of the cRIO: its name, its channels, its own limits.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CrioConfig {
     /// Name in its HELLO, at most 16 ASCII characters.
@@ -59,7 +59,7 @@ impl Default for CrioConfig {
     }
 }
 
-/// What the cRIO's outputs do to the rig.
+/// Effect of the cRIO's outputs on the rig.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Actuation {
     /// Duty, 0 (closed) to 1 (open): positive valve, negative valve.
@@ -79,7 +79,7 @@ pub enum Rejection {
         /// The open session.
         open: Option<u32>,
     },
-    /// Its sequence number is not newer than the last one that counted.
+    /// A sequence number is not newer than the last one that counted.
     #[error("COMMAND {found} is not newer than {last}")]
     Sequence {
         /// Sequence number of the command.
@@ -150,7 +150,7 @@ impl Crio {
         Self { config, session: None }
     }
 
-    /// What the cRIO is.
+    /// Properties of the cRIO.
     #[must_use]
     pub const fn config(&self) -> &CrioConfig {
         &self.config
@@ -286,7 +286,7 @@ impl Crio {
         })
     }
 
-    /// What the outputs do now.
+    /// Effect of the outputs now.
     #[must_use]
     pub fn actuation(&self) -> Actuation {
         let in_force = self.in_force();

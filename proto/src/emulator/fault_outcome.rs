@@ -1,4 +1,4 @@
-//! What a checked fault script decides: the outcome of each frame, link and sensor at each tick.
+//! Decisions of a checked fault script: the outcome of each frame, link and sensor at each tick.
 //!
 //! Every decision hangs on seed, fault and tick alone, never on what was asked before, so that both
 //! paces and any order of frames within a tick meet the same faults.
@@ -35,7 +35,7 @@ pub(super) struct Wire {
     pub(super) outgoing: bool,
 }
 
-/// What a fault does.
+/// Action of a fault.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Action {
     Lose(Wire),
@@ -56,7 +56,7 @@ pub(super) enum Action {
     Trip(TripBits),
 }
 
-/// What becomes of one frame.
+/// Outcome for one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct FaultOutcome {
     /// The bytes that go on, changed or not.
@@ -81,7 +81,7 @@ const THROW_CHANCE: u64 = 1;
 const THROW_BYTE: u64 = 2;
 
 impl FaultScript {
-    /// What becomes of a frame of this type and direction at this tick.
+    /// Outcome for a frame of this type and direction at this tick.
     pub(super) fn outcome(&self, wire: Wire, tick: u64, raw: RawFrame) -> FaultOutcome {
         let mut outcome = FaultOutcome { raw, times: 1, delay: Duration::ZERO, corrupted: false };
         for (index, action) in self.striking(tick) {
@@ -104,7 +104,7 @@ impl FaultScript {
         outcome
     }
 
-    /// Whether the link drops at this tick, and for how long new ones are reset.
+    /// Time for which new links are reset, where the link drops at this tick.
     pub(super) fn link_drop(&self, tick: u64) -> Option<Duration> {
         self.striking(tick)
             .filter_map(|(_, action)| if let Action::DropLink(refuse) = action { Some(*refuse) } else { None })

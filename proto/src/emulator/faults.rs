@@ -58,7 +58,7 @@ pub struct FaultScript {
     pub(super) faults: Vec<Fault>,
 }
 
-/// What is wrong with a fault script.
+/// Problem of a fault script.
 #[derive(Debug, thiserror::Error)]
 pub enum FaultScriptError {
     /// The file cannot be read.
@@ -92,7 +92,7 @@ pub enum FaultScriptError {
         number: usize,
         /// The key.
         key: &'static str,
-        /// What is wrong with it, and the mend.
+        /// Problem, and the mend.
         problem: &'static str,
     },
 }

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use crate::wire::{FrameReader, RawFrame, SequenceCounter};
 
-/// How long a closed link is kept to read what still comes: closing with bytes unread would reset the
+/// Time for which a closed link is kept to read what still comes: closing with bytes unread would reset the
 /// connection, and the peer might lose the BYE.
 const CLOSING: Duration = Duration::from_secs(1);
 

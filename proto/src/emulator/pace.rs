@@ -7,7 +7,7 @@ use crate::wire::TICK_NS;
 /// One tick.
 pub(super) const TICK: Duration = Duration::from_nanos(TICK_NS);
 
-/// How plant time goes.
+/// Pace of plant time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pace {
     /// On an absolute 20 ms grid.

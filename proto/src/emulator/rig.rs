@@ -1,4 +1,4 @@
-//! What stands behind the emulated cRIO: a rig that two duties and a pump switch drive.
+//! Plant behind the emulated cRIO: a rig that two duties and a pump switch drive.
 //!
 //! [`EmulatedPlant`] is all the emulator asks for; [`model::predict::DualPressureRig`] is the rig that
 //! files describe. The pressures it hands over are what its sensors show before the converter, so

@@ -26,18 +26,18 @@ use super::sensors::Sensors;
 use super::serve::Server;
 use super::watch::{NoObserver, Statistics, TruthObserver};
 
-/// How the emulator is set up.
+/// Settings of the emulator.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EmulatorConfig {
-    /// What the cRIO is.
+    /// Properties of the cRIO.
     pub crio: CrioConfig,
-    /// How plant time goes.
+    /// Pace of plant time.
     pub pace: Pace,
     /// Noise of the converter, V RMS; 0 for none.
     pub noise_v_rms: f64,
     /// Seed of the noise.
     pub seed: u64,
-    /// What is spoilt on purpose.
+    /// Faults made on purpose.
     pub faults: FaultScript,
 }
 

@@ -27,7 +27,7 @@ pub struct GroundTruth {
     pub volts: [f32; 4],
     /// Duty that drove the rig in the step that ended at this edge.
     pub duty: [f32; 2],
-    /// Whether the pump ran in the step that ended at this edge.
+    /// True where the pump ran in the step that ended at this edge.
     pub pump_on: bool,
     /// State from this edge on.
     pub state: CrioState,
@@ -38,12 +38,12 @@ pub struct GroundTruth {
 pub enum Event {
     /// A client connected.
     Connected {
-        /// Its address.
+        /// Address.
         peer: SocketAddr,
     },
     /// A client was turned away because another one is being served, or the script says so.
     TurnedAway {
-        /// Its address.
+        /// Address.
         peer: SocketAddr,
     },
     /// A session was opened.
@@ -99,7 +99,7 @@ pub trait TruthObserver: Send {
     fn event(&mut self, _event: &Event) {}
 }
 
-/// What a channel watcher hands over.
+/// Item that a channel watcher hands over.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Watched {
     /// One sample edge passed.

@@ -21,7 +21,7 @@ use crate::recording::table::rules::{LEAST_READING_KPA, below_vacuum};
 /// A command may be so far beyond 0 … 1, by the rounding of a scale such as 0.00392; it is cut off there.
 const ROUNDING: f64 = 1e-3;
 
-/// What loggers write for no reading, beyond any pressure: the round numbers are those of data acquisition programs, the others the
+/// Numbers that loggers write for no reading, beyond any pressure: the round numbers are those of data acquisition programs, the others the
 /// least that 16 bits and a float hold.
 const NO_READING: [f64; 8] = [-999.0, -999.9, -9999.0, -99_999.0, -999_999.0, -32_768.0, -1e30, -1e38];
 /// Readings that go further up than down by so much do not go below the atmosphere: what they do is scatter about it.
@@ -32,11 +32,11 @@ const MOSTLY_ABOVE: f64 = 10.0;
 pub(super) struct Asked {
     pub(super) name: String,
     pub(super) kind: Kind,
-    /// Whether the rig does without it.
+    /// The case of a file without it.
     pub(super) default: Presence,
 }
 
-/// Whether a column must be there.
+/// Duty of a column to be there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Presence {
     /// It must.
@@ -74,8 +74,8 @@ pub(super) fn asked(rig: &Rig) -> Vec<Asked> {
     rig.columns().into_iter().map(of).collect()
 }
 
-/// Whether a column of the map is made from the rig's own names alone, its own or one that it is exchanged with: then the map says how,
-/// whoever wrote the file.
+/// Tells whether a column of the map is made from the rig's own names alone, its own or one that it is exchanged with: then the map says
+/// how, whoever wrote the file.
 fn is_of_own_names(rig: &Rig, terms: &Terms) -> bool {
     terms.0.iter().all(|term| rig.columns().contains(&term.from))
 }
@@ -322,7 +322,7 @@ fn are_many(numbers: &[f64], is_wrong: impl Fn(f64) -> bool) -> bool {
     MANY * numbers.iter().filter(|number| is_wrong(**number)).count() > numbers.len()
 }
 
-/// What a reading below any vacuum is, and the key that says so.
+/// Likely kind of a reading below any vacuum, and the key that says so.
 fn of_reading(rig: &Rig, (name, title): (&str, &str), value: f64, made: &Made) -> String {
     let key = |rest: &str| format!("[recording] columns.{name} = {{ from = {}, {rest} }}", toml_text(title));
     if NO_READING.contains(&value) {

@@ -29,7 +29,7 @@ pub use self::csv_error::CsvError;
 /// The column of times in every table.
 pub const TIME_COLUMN: &str = "time_s";
 
-/// What one column holds.
+/// Content of one column.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ColumnData {
     /// A finite number per row.
@@ -38,7 +38,7 @@ pub enum ColumnData {
     Text(Vec<String>),
 }
 
-/// What stands in these rows alone.
+/// Cells of these rows alone.
 pub(super) fn rows_alone<T: Clone>(all: &[T], rows: &[usize]) -> Vec<T> {
     rows.iter().filter_map(|row| all.get(*row)).cloned().collect()
 }
@@ -66,12 +66,12 @@ impl ColumnData {
 pub struct Column {
     /// The header's name of it.
     pub name: String,
-    /// Its cells, one per row.
+    /// Cells, one per row.
     pub data: ColumnData,
 }
 
 impl Column {
-    /// Its numbers; `None` where it holds text.
+    /// Numbers; `None` where it holds text.
     pub(super) fn numbers(&self) -> Option<&[f64]> {
         match &self.data {
             ColumnData::Numbers(numbers) => Some(numbers),

@@ -18,7 +18,7 @@ const MOST: usize = 2 << 30;
 /// Bytes unpacked at a time.
 const PIECE: usize = 1 << 16;
 
-/// What is in a compressed file; other files as they are.
+/// Content of a compressed file; other files as they are.
 ///
 /// # Errors
 /// The file is cut off or damaged, or grows beyond 2 GiB.
@@ -57,7 +57,7 @@ fn gunzip(mut bytes: &[u8]) -> Option<Vec<u8>> {
     Some(out)
 }
 
-/// What follows the head of a part: ten bytes, then an extra field, a name, a comment and a checksum where its flags say so.
+/// Bytes behind the head of a part: ten bytes, then an extra field, a name, a comment and a checksum where its flags say so.
 fn behind_head(bytes: &[u8]) -> Option<&[u8]> {
     let [has_checksum, has_extra, has_name, has_comment] = [0x02, 0x04, 0x08, 0x10];
     let flags = *bytes.strip_prefix(GZIP)?.first()?;

@@ -67,7 +67,7 @@ impl Recording {
         from_sheet(&logger_text::sheet(file, &text, &map)?, rig, &map)
     }
 
-    /// The same with lost rows bridged and held readings taken once, as samples of other programs are.
+    /// Reads it with lost rows bridged and held readings taken once, as samples of other programs are.
     fn into_samples(self, rig: &Rig) -> Result<Self, RecordingError> {
         let kinds = asked(rig);
         let kind_of = |name: &str| kinds.iter().find(|one| one.name == name).map_or(Kind::Switch, |one| one.kind);
@@ -299,7 +299,7 @@ fn with_others(
     made.into_iter().chain(all).collect()
 }
 
-/// How a file was read, where it was not plain CSV in the rig's units.
+/// Remark on the reading of a file, where it was not plain CSV in the rig's units.
 fn manner(sheet: &Sheet<'_>, units: &[String]) -> Option<String> {
     let mut words = sheet.manner.clone();
     if !units.is_empty() {

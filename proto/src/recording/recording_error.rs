@@ -4,7 +4,7 @@ use crate::atomic_file::AtomicFileError;
 use crate::recording::csv::CsvError;
 use crate::recording::mcap_file::reader::ReadMcapError;
 
-/// What is wrong with a recording.
+/// Problem of a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
     /// The file cannot be read.
@@ -12,7 +12,7 @@ pub enum RecordingError {
     Read {
         /// The file.
         file: String,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// The CSV content is wrong.
@@ -36,9 +36,9 @@ pub enum RecordingError {
     Kind {
         /// The file.
         file: String,
-        /// What it is.
+        /// Kind of the file.
         what: String,
-        /// How to get at what is in it.
+        /// Way to get at what is in it.
         mend: String,
     },
     /// A column is not there that a rig needs, or under another name.
@@ -64,7 +64,7 @@ pub enum RecordingError {
         column: String,
         /// Their median step (ms).
         median_ms: f64,
-        /// What they seem to be in, and the key of the rig file that would help.
+        /// Unit that they seem to be in, and the key of the rig file that would help.
         mend: String,
     },
     /// A unit that a column cannot have.
@@ -74,7 +74,7 @@ pub enum RecordingError {
         file: String,
         /// The column.
         column: String,
-        /// What is wrong, and the mend.
+        /// Problem, and the mend.
         problem: String,
     },
     /// Times of writing instead of reading.
@@ -128,7 +128,7 @@ pub enum RecordingError {
         column: String,
         /// Line of its first cell, from 1.
         line: u64,
-        /// What stands there.
+        /// Cell as it stands there.
         cell: String,
     },
     /// A sensor has readings in other rows than the rest.
@@ -152,7 +152,7 @@ pub enum RecordingError {
         file: String,
         /// The column.
         column: String,
-        /// Its rows.
+        /// Rows in it.
         found: usize,
         /// The rows of `time_s`.
         expected: usize,

@@ -237,7 +237,7 @@ impl Recording {
         names.into_iter().map(|name| self.require_one(name)).collect()
     }
 
-    /// The same recording with other numbers in a column; as it is where the column is missing, holds text or has another length.
+    /// This recording with other numbers in a column; as it is where the column is missing, holds text or has another length.
     #[must_use]
     pub fn with_numbers(mut self, name: &str, numbers: &[f64]) -> Self {
         if let Some(column) = self.columns.iter_mut().find(|column| column.name == name)
@@ -297,7 +297,7 @@ impl Recording {
         self.file_units.iter().find(|unit| unit.column == column)
     }
 
-    /// What a person should know, a line each: a truncated end, damaged chunks, left-out ticks, an aborted experiment.
+    /// Lines that a person should read: a truncated end, damaged chunks, left-out ticks, an aborted experiment.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }

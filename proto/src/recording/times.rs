@@ -9,7 +9,7 @@ mod bursts;
 mod clock_set;
 mod counter_wrap;
 mod forward;
-mod milliseconds;
+pub(crate) mod milliseconds;
 mod month_names;
 mod seconds;
 pub(crate) mod time_notes;
@@ -59,7 +59,7 @@ const NAMES: [(&str, Option<f64>); 26] = [
     ("t_min", Some(60.0)),
     ("time_min", Some(60.0)),
 ];
-/// What joins the name of a time to its unit: `elapsed_ms`, `time-min`.
+/// Marks between the name of a time and its unit: `elapsed_ms`, `time-min`.
 const UNIT_MARKS: [char; 3] = ['_', '-', ' '];
 
 /// Length of a break that stands for a hole in which the clock was set (s): longer than any that is bridged.
@@ -72,7 +72,7 @@ pub(super) struct Times {
     pub(super) time_s: Vec<f64>,
     /// Places of their columns.
     pub(super) columns: Vec<usize>,
-    /// What was taken for what, in words, where it was not `time_s` in seconds.
+    /// Columns and units that were taken for the time, in words, where it was not `time_s` in seconds.
     pub(super) taken: Vec<String>,
 }
 
@@ -118,7 +118,7 @@ pub(super) fn times(
             Found::Period(period_s) => every(sheet, period_s),
         },
     };
-    let times = match crate::recording::times::milliseconds::added(sheet, &times.columns, &times.time_s) {
+    let times = match milliseconds::added(sheet, &times.columns, &times.time_s) {
         Some((at, time_s)) if !times.columns.is_empty() => {
             let title = sheet.columns.get(at).map_or("", |column| column.title.as_str());
             let taken = times.taken.into_iter().chain([format!("milliseconds from {title}")]).collect();

@@ -64,7 +64,7 @@ impl fmt::Display for FrameType {
     }
 }
 
-/// What a COMMAND asks of the cRIO; the discriminant is the code on the wire.
+/// Mode that a COMMAND asks of the cRIO; the discriminant is the code on the wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Mode {

@@ -29,7 +29,7 @@ pub struct Command {
     pub tick: u32,
     /// Duty, 0 (closed) to 1 (open): positive valve, negative valve. Any value decodes.
     pub duty: [f32; 2],
-    /// What is asked of the cRIO.
+    /// Mode that is asked of the cRIO.
     pub mode: Mode,
     /// Time to live, ticks; at most 5 by the protocol. Any value decodes.
     pub ttl_ticks: u8,

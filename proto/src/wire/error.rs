@@ -1,4 +1,4 @@
-//! What can be wrong with bytes that should be a frame, and what it means for the stream.
+//! Problems of bytes that should be a frame, and their meaning for the stream.
 //!
 //! Two kinds of damage. *Recoverable*: the header is plausible, so the end of the frame is known, but
 //! its CRC or a code in it is wrong; drop that frame and go on. *Fatal*: magic, version, type or
@@ -152,7 +152,7 @@ impl WireError {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("{error}")]
 pub struct Damage {
-    /// What is wrong.
+    /// Problem.
     pub error: WireError,
     /// The whole dropped frame; where the damage is fatal, the bytes that had come, 64 at most.
     pub raw: RawFrame,

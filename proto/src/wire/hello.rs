@@ -129,7 +129,7 @@ impl Hello {
             .unwrap_or("(unreadable)")
     }
 
-    /// Whether this HELLO, come from the peer, can open a session with this program.
+    /// Checks whether this HELLO, come from the peer, can open a session with this program.
     ///
     /// # Errors
     /// The first thing that forbids it: version, session, rate, sensors, valves.

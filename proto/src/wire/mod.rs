@@ -17,7 +17,7 @@
 //! Each has an `encode` into an array of exactly its length, to go out in one write, and the stream
 //! side is [`FrameReader`], which takes bytes split and joined in any way.
 //!
-//! What a frame *means* is not judged here: a COMMAND with a NaN duty decodes, and it is the cRIO's
+//! The *meaning* of a frame is not judged here: a COMMAND with a NaN duty decodes, and it is the cRIO's
 //! rule (see [`crate::emulator`]) that such a command does not count. What is judged here is whether
 //! the bytes are a frame at all. Bytes the protocol calls zero, and the bits it does not name, are
 //! written as zero and ignored when read.

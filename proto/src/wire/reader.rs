@@ -30,7 +30,7 @@ const CAPACITY: usize = 4096;
 pub struct Received {
     /// The frame.
     pub frame: Frame,
-    /// Its bytes, for the recording.
+    /// Bytes, for the recording.
     pub raw: RawFrame,
 }
 

@@ -54,7 +54,7 @@ pub fn start(config: EmulatorConfig) -> EmulatorHandle {
     Emulator::bind("127.0.0.1:0", config, Box::new(FirstOrderRig::default())).unwrap().start().unwrap()
 }
 
-/// What a read found where no frame came.
+/// Finding of a read where no frame came.
 #[derive(Debug, PartialEq)]
 pub enum Nothing {
     Closed,

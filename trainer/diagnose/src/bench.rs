@@ -166,7 +166,7 @@ impl<'r> Bench<'r> {
         if self.simulator.fidelity() == Fidelity::Smooth {
             return Ok(self.records.clone());
         }
-        let arcs = refined_starts(&self.fast, rig, &Arcs::free(self.records))?;
+        let arcs = refined_starts(&self.fast, rig, &Arcs::led(self.records))?;
         let close = self.close.one(rig, &arcs)?;
         let fast = self.fast.one(rig, &arcs)?;
         let less = self.records.readings_kpa().iter().zip(close.iter().zip(&fast)).map(|(r, (c, f))| r - (c - f));
@@ -328,7 +328,7 @@ impl<'r> Bench<'r> {
     /// # Errors
     /// The rig cannot be simulated.
     pub fn free_run(&self, rig: &Rig) -> Result<Vec<f64>, DiagnoseError> {
-        let arcs = refined_starts(&self.simulator, rig, &Arcs::free(self.records))?;
+        let arcs = refined_starts(&self.simulator, rig, &Arcs::led(self.records))?;
         Ok(self.simulator.one(rig, &arcs)?)
     }
 

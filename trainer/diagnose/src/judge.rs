@@ -28,7 +28,7 @@ use crate::pump::switched::{REACH_KPA, reaches_kpa, stands_somewhere};
 use crate::search::candidate::{Candidate, DRIFT, is_leak};
 use crate::search::place::volumes_at;
 use crate::search::quick_search::Footing;
-use crate::search::{Found, cost, starts, twins, with, without};
+use crate::search::{Found, cost, late_in_place_of, starts, twins, with, without};
 
 mod alike;
 mod moved;
@@ -177,23 +177,20 @@ fn something_named(
         rivals.extend(of_it);
         contested.push(contest);
     }
-    if let Some((one, other)) = twins(candidates, &best.terms) {
-        let rest = without(&without(&best.terms, one), other);
-        for rival in &found.tried {
-            let Some((a, b)) = twins(candidates, &rival.terms) else { continue };
-            let both_exchanged = candidates[a].id != candidates[one].id && with(&with(&rest, a), b) == rival.terms;
-            if both_exchanged && is_rival(bench, best, rival) {
-                for (term, k) in [(one, a), (other, b)] {
-                    // Each may be its rival by itself as well.
-                    let new = contested.iter_mut().filter(|c| c.term == term && !c.rivals.contains(&k));
-                    let by_itself = new.map(|contest| contest.rivals.push(k)).count() == 0;
-                    if !by_itself {
-                        tell_once(&mut groups, vec![candidates[term].name(), candidates[k].name()]);
-                    }
-                }
-                rivals.push(rival.clone());
+    for rival in &found.tried {
+        let instead = stand_ins(candidates, best, rival);
+        if instead.is_empty() || !is_rival(bench, best, rival) {
+            continue;
+        }
+        for (term, k) in instead {
+            // Each may be its rival by itself as well.
+            let new = contested.iter_mut().filter(|c| c.term == term && !c.rivals.contains(&k));
+            let by_itself = new.map(|contest| contest.rivals.push(k)).count() == 0;
+            if !by_itself {
+                tell_once(&mut groups, vec![candidates[term].name(), candidates[k].name()]);
             }
         }
+        rivals.push(rival.clone());
     }
     if let Some((group, instead)) = instead_of_moved(bench, candidates, found) {
         groups.push(group);
@@ -202,6 +199,21 @@ fn something_named(
     let verdict = if groups.is_empty() { Verdict::MissingPhysics } else { Verdict::Undecided };
     let named = contested.iter().filter(|c| c.rivals.is_empty()).map(|c| c.term).collect();
     Ok(Judgement { verdict, named, contested, rivals, groups, excess_kpa })
+}
+
+/// Terms of what was found with those that stand for them in a rival, where several are exchanged at once: a mechanism on both sides
+/// for another one, or all that is late.
+fn stand_ins(candidates: &[Candidate], best: &Explanation, rival: &Explanation) -> Vec<(usize, usize)> {
+    for (one, other) in twins(candidates, &best.terms) {
+        let rest = without(&without(&best.terms, one), other);
+        let for_both = |(a, b): &(usize, usize)| {
+            candidates[*a].id != candidates[one].id && with(&with(&rest, *a), *b) == rival.terms
+        };
+        if let Some((a, b)) = twins(candidates, &rival.terms).into_iter().find(for_both) {
+            return vec![(one, a), (other, b)];
+        }
+    }
+    late_in_place_of(candidates, &best.terms, &rival.terms)
 }
 
 /// Adds a name, or a group of rivals, that is not there yet: two shapes of a mechanism have one name.

@@ -6,6 +6,7 @@
 //! | `believed` | a further term that parameters have given way to |
 //! | `worth` | what a further term must show to be taken |
 //! | `exchange` | terms in exchange for others |
+//! | `late` | late valves and late sensors in exchange for one another |
 //! | `refine` | fits that least squares from where things stand would miss |
 //! | `stepped` | what moves in steps, or begins at a moment |
 //! | `slips` | what sticks and slips, found in pieces that forget a slip that came late |
@@ -30,6 +31,7 @@ use crate::search::screen::Screening;
 mod additions;
 mod believed;
 mod exchange;
+mod late;
 mod refine;
 mod slips;
 mod stepped;
@@ -42,6 +44,8 @@ use believed::believed;
 pub(crate) use believed::brings_back;
 pub use exchange::twins;
 use exchange::{deletions, pairs, swaps};
+use late::exchanged_late;
+pub(crate) use late::{LATE_SENSOR, LATE_VALVES, late_in_place_of};
 use refine::{from_priors, plainer, refined, richer};
 use slips::in_pieces;
 pub(crate) use stepped::lying_where;
@@ -176,7 +180,8 @@ pub fn search(
     let mut next = None;
     let mut likes = Likes::default();
     let mut stood: Vec<Vec<usize>> = Vec::new();
-    let mut exchanged = None;
+    // What is on both sides and need not be exchanged again in a short search.
+    let mut exchanged: Vec<(usize, usize)> = Vec::new();
     // What was taken last in richer shapes, where these wait.
     let mut waiting: Option<Explanation> = None;
     // The last one of every candidate: in a short search the first, which tells the later ones what to expect.
@@ -299,14 +304,21 @@ pub fn search(
         best = twinned(bench, candidates, best, settings, &mut tried, &mut likes);
         if best.terms.len() > 1 {
             best = swaps(bench, candidates, best, &rounds, settings, &mut tried, tell)?;
-            if settings.thorough || twins(candidates, &best.terms) != exchanged {
-                best = pairs(bench, candidates, best, &rounds, settings, &mut tried, tell)?;
-                exchanged = twins(candidates, &best.terms);
+            for both in twins(candidates, &best.terms) {
+                let stands = [both.0, both.1].iter().all(|term| best.terms.contains(term));
+                if stands && (settings.thorough || !exchanged.contains(&both)) {
+                    best = pairs(bench, candidates, (best, both), &rounds, settings, &mut tried, tell)?;
+                }
             }
+            exchanged = twins(candidates, &best.terms);
             best = deletions(bench, candidates, &nominal, best, settings, &likes.found, &mut tried)?;
         }
     }
     best = waiting.filter(|rich| is_cheaper(bench, rich, &best)).unwrap_or(best);
+    let late = exchanged_late(bench, candidates, best.clone(), settings, &mut tried, tell)?;
+    if late.terms != best.terms {
+        best = deletions(bench, candidates, &nominal, late, settings, &likes.found, &mut tried)?;
+    }
     // A shape that was richer before the rest was found may be needed no more.
     let plain = plainer(bench, candidates, best.clone(), settings.bar.removed_kpa)?;
     if is_cheaper(bench, &plain, &best) {

@@ -65,13 +65,13 @@ fn the_middle_of_errors_forgives_a_late_jump() {
     let first = layout.channel(0, 0);
     let mut usable = vec![1.0; layout.len()];
     let mut trace: Vec<f64> = records.readings_kpa().iter().map(|kpa| kpa + 0.1).collect();
-    // Rows 100 to 199 are fitted, and so is row 0.
+    // Rows 100 to 199 are fitted, and so is row 60.
     trace[first.start + 100..first.start + 200].iter_mut().for_each(|kpa| *kpa += 4.9);
-    trace[first.start] = 1e6;
-    usable[first.start] = 0.0;
+    trace[first.start + 60] = 1e6;
+    usable[first.start + 60] = 0.0;
     let bench = Bench::new(&rig, &records, &usable, Fidelity::Averaged);
-    let held = bench.split.weights(layout, fit::data::Role::HeldOut);
-    let rows = held[first].iter().filter(|held| **held == 0.0).count() as f64 - 1.0;
+    let of = |role| bench.split.weights(layout, role)[first.clone()].iter().sum::<f64>();
+    let rows = of(fit::data::Role::Fit) + of(fit::data::Role::Select) - 1.0;
     let mean = bench.squares_by_channel(&trace, false);
     let expected = (100.0 * 25.0 + (rows - 100.0) * 0.01) / rows;
     assert!((mean[0] / expected - 1.0).abs() < 1e-9, "{mean:?} {expected}");

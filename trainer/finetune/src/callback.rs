@@ -13,7 +13,7 @@ pub enum Source {
     Daemon,
 }
 
-/// How a sitting ended.
+/// End of a sitting.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Status {
     /// All steps are done.
@@ -24,7 +24,7 @@ pub enum Status {
     Stopped,
 }
 
-/// How far a run is.
+/// Progress of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Progress {
     /// Transitions done.
@@ -35,7 +35,7 @@ pub struct Progress {
     pub updates_per_s: f64,
     /// RMSE of the last 20 s under control, in kPa; nothing where too few of them are known.
     pub rmse_kpa: Option<[f64; 2]>,
-    /// What is being done.
+    /// Words on what is being done.
     pub doing: &'static str,
 }
 
@@ -43,7 +43,7 @@ pub struct Progress {
 pub trait FinetuneCallback {
     /// Told after each transition and while waiting.
     fn progress(&mut self, progress: &Progress);
-    /// Whether to stop; a checkpoint is written then.
+    /// Tells whether to stop; a checkpoint is written then.
     fn stop(&self) -> bool;
     /// Told that everything so far is on the disk.
     fn is_kept(&mut self);
@@ -74,7 +74,7 @@ pub struct Summary {
     pub rmse_over_s: f64,
     /// Seconds of work.
     pub wall_s: f64,
-    /// What of the recordings was of use.
+    /// Counts of what in the recordings was of use.
     pub tally: Tally,
     /// Times that a law had to be joined late.
     pub joined: u64,

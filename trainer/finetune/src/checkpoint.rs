@@ -52,7 +52,7 @@ pub fn write(
     FORMAT.write(files, replay, [position, average], learner)
 }
 
-/// What was read back.
+/// State that was read back.
 pub struct Restored {
     /// Where the run stands.
     pub position: Position,

@@ -42,7 +42,7 @@ pub(crate) fn parsed_reference(file: &str, bytes: &[u8]) -> Result<Reference, Fi
 mod tests {
     use super::*;
 
-    /// Its predictions would be of another time than the ticks that are learned from.
+    /// Predictions would be of another time than the ticks that are learned from.
     #[test]
     fn a_model_with_another_tick_is_refused_with_its_recording() {
         let mut model = Rig::builtin("dual_pressure").unwrap();

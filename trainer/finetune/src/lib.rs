@@ -45,7 +45,7 @@ pub enum FinetuneError {
     Folder {
         /// The folder.
         folder: String,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// A recording cannot be read.
@@ -64,7 +64,7 @@ pub enum FinetuneError {
     Model {
         /// Where it stands.
         name: String,
-        /// What is wrong.
+        /// Problem.
         problem: RigError,
     },
     /// A reference cannot be read.

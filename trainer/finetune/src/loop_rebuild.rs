@@ -26,7 +26,7 @@ use proto::reference::Reference;
 
 use crate::FinetuneError;
 
-/// How far a rebuilt term of the law may be off, in duty: a thousandth of what a policy adds (chosen; rounding is 1e-15).
+/// Duty by which a rebuilt term of the law may be off: a thousandth of what a policy adds (chosen; rounding is 1e-15).
 pub const LAW_AGREES_DUTY: f64 = 1e-5;
 /// Codes of the daemon's states, as recordings carry them (docs/recordings.md).
 const RUN: u8 = 1;
@@ -55,7 +55,7 @@ pub enum LeftOut {
     Filtered,
     /// A candidate had a part of the command: nobody's answer is what was applied.
     Shared,
-    /// What controlled has another observation layout, or is the fallback where a policy replaces it.
+    /// The controller has another observation layout, or is the fallback where a policy replaces it.
     OtherLayout,
     /// The answer is beyond the range of the policy that is trained.
     BeyondRange,
@@ -64,7 +64,7 @@ pub enum LeftOut {
 }
 
 impl LeftOut {
-    /// What a person is told.
+    /// Words that a person is told.
     pub const fn words(self) -> &'static str {
         match self {
             LeftOut::NotRunning => "not running",
@@ -82,7 +82,7 @@ impl LeftOut {
 pub struct RebuiltTick {
     /// Session and number.
     pub at: (u32, u32),
-    /// What the policy is shown.
+    /// Numbers that the policy is shown.
     pub observation: Vec<f32>,
     /// Measured pressures in kPa gauge.
     pub measured_kpa: Pair,
@@ -94,9 +94,9 @@ pub struct RebuiltTick {
     pub predicted_kpa: [Pair; AHEAD],
     /// The answer that was applied, exploration included, in the contract's units, or why there is none.
     pub answer: Result<[f32; ACTION_LEN], LeftOut>,
-    /// Whether the recorded hash of the observation is that of the rebuilt one; nothing where none was recorded.
+    /// True where the recorded hash of the observation is that of the rebuilt one; nothing where none was recorded.
     pub is_same_to_the_bit: Option<bool>,
-    /// Whether state and law are sound, so that the observation is what follows from the tick before.
+    /// True where state and law are sound, so that the observation is what follows from the tick before.
     pub is_sound: bool,
 }
 
@@ -111,9 +111,9 @@ pub struct LoopRebuild {
     course: Course,
     /// Flights of the reference that were over in the last tick.
     flight: u32,
-    /// What flights have taught, where the daemon learned from them.
+    /// Lessons of flights, where the daemon learned from them.
     repetitions: Option<Repetitions>,
-    /// What the last decision leaves for the next flight.
+    /// Remains of the last decision for the next flight.
     left: Left,
     /// Readings of the model's sensors with the chambers on the goals.
     shown_reference: ShownReference,
@@ -218,7 +218,7 @@ impl LoopRebuild {
         if has_frame {
             self.measured_kpa = [record.p_pos_kpa, record.p_neg_kpa];
         }
-        let was_controlling = std::mem::replace(&mut self.is_controlling, matches!(record.state, RUN | HOLD | REVERT));
+        let was_controlling = std::mem::replace(&mut self.is_controlling, is_controlled(record));
         if !self.is_controlling {
             if has_arrived {
                 // As in the daemon the model follows the vented rig, so that it stands where that is when it is armed.
@@ -316,7 +316,7 @@ impl LoopRebuild {
         }
     }
 
-    /// What the law was told.
+    /// Input of the law.
     fn input(&mut self, tick: u32) -> ControlInput {
         let measured_kpa = self.measured_kpa;
         let observed = self.predictor.observe(measured_kpa);
@@ -335,7 +335,7 @@ impl LoopRebuild {
     }
 }
 
-/// What learns from flights on a model, with a reference to begin with.
+/// Learning from flights on a model, with a reference to begin with.
 fn repetitions(model: &Rig, reference: &Reference) -> Result<Repetitions, FinetuneError> {
     let map = SteadyMap::new(model).map_err(|problem| FinetuneError::Model { name: model.name.clone(), problem })?;
     let mut repetitions = FallbackSettings::default().repetitions(&map);
@@ -352,6 +352,11 @@ fn explored(record: &TickRecord) -> [f32; ACTION_LEN] {
         *output = (f64::from(*output) + noise) as f32;
     }
     outputs
+}
+
+/// Tells whether anything controls in a tick.
+pub(crate) fn is_controlled(record: &TickRecord) -> bool {
+    matches!(record.state, RUN | HOLD | REVERT)
 }
 
 fn controlled_by(record: &TickRecord) -> ControlledBy {

@@ -1,6 +1,6 @@
 //! Tracking error of the last 20 s under control.
 //!
-//! What a person reads beside a run says how well the rig tracks now, so the way to the goal does not count: where the
+//! The figure that a person reads beside a run says how well the rig tracks now, so the way to the goal does not count: where the
 //! rig is armed, or the goal jumps, the mean begins anew, and [`SKIPPED_S`] later, as in every other figure of the
 //! trainer. Ticks that nothing is learned from are passed over and end nothing as long as they are few.
 

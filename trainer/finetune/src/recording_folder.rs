@@ -10,10 +10,10 @@ use proto::recording::{FollowEnd, McapFollower, ReadMcapError, TickRecord};
 
 use crate::FinetuneError;
 
-/// How names of recordings begin in which commands are played and nothing controls.
+/// Beginning of the names of recordings in which commands are played and nothing controls.
 const PLAYED: &str = "experiment";
 
-/// What a look at the folder brought.
+/// Outcome of a look at the folder.
 #[derive(Debug)]
 pub enum Read {
     /// A recording begins; what stands in it is read through [`RecordingFolder::current`].
@@ -50,7 +50,7 @@ impl Piece {
 pub struct RecordingFolder {
     folder: PathBuf,
     current: Option<(Place, McapFollower)>,
-    /// What was said of recordings that are damaged.
+    /// Remarks on recordings that are damaged.
     notes: Vec<String>,
 }
 

@@ -22,7 +22,7 @@ pub struct FinetuneSettings {
     pub recordings: PathBuf,
     /// Folder into which policies are published: the daemon's `policy.directory`.
     pub publish: PathBuf,
-    /// How published files' names begin.
+    /// Beginning of published files' names.
     pub name: String,
     /// CRC-32C of the policy's file that it began from, eight hexadecimal digits.
     pub from_crc32c: String,

@@ -9,21 +9,23 @@
 //! give. Under layout 2 the fallback by itself is an answer of zeros; under layout 1 its ticks are left out. A gap, a fault,
 //! an exchange of policies parts the trajectory there.
 
+mod beginning;
+
 use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
 
 use environment::reward::{correction_price, reward};
 use environment::vector_env::ENVELOPE_KPA;
 use environment::{EnvironmentSettings, vector_env};
-use law::{AfterEnd, RepetitionLearning};
 use model::observation::{ACTION_LEN, ObservationLayout};
 use model::rig::Rig;
 use proto::recording::{FollowEnd, TickInput, TickRecord, attached};
 use training::TrainingSettings;
 
+use self::beginning::{Begun, Part};
 use crate::FinetuneError;
-use crate::files_inside::{ChosenReference, parsed_reference, rig};
-use crate::loop_rebuild::{LeftOut, LoopRebuild, RebuiltTick};
+use crate::files_inside::{parsed_reference, rig};
+use crate::loop_rebuild::{LeftOut, LoopRebuild, RebuiltTick, is_controlled};
 use crate::recording_folder::{Piece, Read, RecordingFolder};
 
 /// Largest size of an answer that counts as within the policy's range; a tanh gets no nearer to 1 in f32.
@@ -41,7 +43,7 @@ pub struct Transition {
     pub reward: f32,
     /// Observation after it.
     pub next_observation: Vec<f32>,
-    /// Whether the rig left its envelope.
+    /// True where the rig left its envelope.
     pub terminal: bool,
     /// Session and number of the tick after it.
     pub measured_at: (u32, u32),
@@ -51,7 +53,7 @@ pub struct Transition {
     pub error_kpa: [f64; 2],
 }
 
-/// What of the recordings was of use.
+/// Counts of what in the recordings was of use.
 #[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Tally {
     /// Ticks read.
@@ -77,17 +79,25 @@ pub struct Transitions {
     /// References and models of the run that have been put in.
     known: [usize; 2],
     waiting: VecDeque<Item>,
-    /// Whether the next tick is the first of its recording.
+    /// True where the next tick is the first of its recording.
     begins: bool,
-    /// Whether ticks of the recording are lost before this one, and with them what may have taken over there.
+    /// True where ticks of the recording are lost before this one, and with them what may have taken over there.
     is_behind_loss: bool,
-    /// Whether the recordings before this one, whose run it may go on with, end behind such a loss.
+    /// True where the recordings before this one, whose run it may go on with, end behind such a loss.
     ended_behind_loss: bool,
     before: Option<RebuiltTick>,
+    /// The recording that began last.
+    part: Option<Part>,
+    /// Session and number of the last tick.
+    last: Option<(u32, u32)>,
+    /// True where the loop was taken up within a run, and is known once nothing controls.
+    awaits_rest: bool,
+    /// Remarks on parts that are missing.
+    notes: Vec<String>,
     tally: Tally,
 }
 
-/// What was read and not looked at yet.
+/// Item that was read and not looked at yet.
 #[derive(Debug)]
 enum Item {
     /// A recording begins.
@@ -98,7 +108,7 @@ enum Item {
     Tick(Box<TickRecord>),
 }
 
-/// What can take over while a run goes on: a file inside the recording.
+/// File inside the recording that can take over while a run goes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Exchanged {
     Reference,
@@ -121,11 +131,15 @@ impl Transitions {
             is_behind_loss: false,
             ended_behind_loss: false,
             before: None,
+            part: None,
+            last: None,
+            awaits_rest: false,
+            notes: Vec::new(),
             tally: Tally::default(),
         }
     }
 
-    /// What was of use so far.
+    /// Counts of what was of use so far.
     pub fn tally(&self) -> &Tally {
         &self.tally
     }
@@ -140,9 +154,11 @@ impl Transitions {
         self.rebuild.as_ref().map_or(0, LoopRebuild::joined)
     }
 
-    /// Remarks on what is damaged in the recordings, each of them once.
+    /// Remarks on what is damaged in the recordings or missing between them, each of them once.
     pub fn take_notes(&mut self) -> Vec<String> {
-        self.folder.take_notes()
+        let mut notes = self.folder.take_notes();
+        notes.append(&mut self.notes);
+        notes
     }
 
     /// Name of the recording that is being read.
@@ -169,7 +185,7 @@ impl Transitions {
                 Some(Item::Loss) => self.is_behind_loss = true,
                 Some(Item::Tick(record)) => {
                     if std::mem::take(&mut self.begins) {
-                        self.begin_recording()?;
+                        self.begin_recording(&record)?;
                     }
                     if !self.exchange(&record)? {
                         self.waiting.push_front(Item::Tick(record));
@@ -218,29 +234,25 @@ impl Transitions {
         Ok(true)
     }
 
-    /// A later part of a run goes on with its loop, also with one that nobody knows any more; any other recording is that of a daemon
-    /// that began anew.
-    fn begin_recording(&mut self) -> Result<(), FinetuneError> {
+    /// A later part of a run goes on with its loop, also with one that nobody knows any more; any other recording begins a loop.
+    fn begin_recording(&mut self, first: &TickRecord) -> Result<(), FinetuneError> {
         let ended_behind_loss = std::mem::take(&mut self.ended_behind_loss);
         let Some(recording) = self.folder.current() else { return Ok(()) };
-        let part = recording.metadata("part").and_then(|part| part.parse().ok()).unwrap_or(1);
-        if part > 1 && self.known != [0; 2] {
+        let part = Part::of(self.folder.current_name(), recording);
+        // Ticks tell more than names: people rename files.
+        let is_next_tick = self.last.is_some_and(|last| is_next(last, first));
+        let follows = |before: &Part| is_next_tick || part.names(before);
+        if part.is_later() && self.part.as_ref().is_some_and(follows) {
             // It holds the files of the parts before as well, so that what is lost there still counts.
             self.is_behind_loss |= ended_behind_loss;
-            return Ok(());
+        } else {
+            let Begun { rebuild, known, note } = part.begin(recording, self.layout)?;
+            (self.rebuild, self.known) = (rebuild, known);
+            self.notes.extend(note);
+            self.before = None;
+            self.awaits_rest = part.is_later();
         }
-        let file = self.folder.current_name();
-        let lacks = |name| FinetuneError::Lacks { file: file.clone(), name };
-        let model = recording.attachments(attached::MODEL).next().ok_or_else(|| lacks(attached::MODEL))?;
-        let reference = recording.attachments(attached::REFERENCE).next().ok_or_else(|| lacks(attached::REFERENCE))?;
-        let mut rebuild = LoopRebuild::new(rig(&file, model)?, parsed_reference(&file, reference)?, self.layout)?;
-        // Recordings of daemons that knew of no repetition hold no such choice.
-        let chosen = recording.attachments(attached::EFFECTIVE).next().map(ChosenReference::parse).unwrap_or_default();
-        let learns = if chosen.learn { RepetitionLearning::On } else { RepetitionLearning::Off };
-        rebuild.repeat(if chosen.repeat { AfterEnd::Repeat } else { AfterEnd::Hold }, learns)?;
-        self.rebuild = Some(rebuild);
-        self.known = [1; 2];
-        self.before = None;
+        self.part = Some(part);
         Ok(())
     }
 
@@ -285,7 +297,7 @@ impl Transitions {
         self.folder.current().is_some_and(|recording| recording.has_lost(name_of(what)))
     }
 
-    /// Whether the recording of the tick under way brings nothing more.
+    /// Tells whether the recording of the tick under way brings nothing more.
     fn is_over(&self) -> bool {
         self.waiting.iter().any(|item| matches!(item, Item::Begins))
             || self.folder.current().is_none_or(|recording| recording.end() == FollowEnd::Finished)
@@ -307,11 +319,14 @@ impl Transitions {
     /// Takes in a tick; the transition that it completes.
     fn tick(&mut self, record: &TickRecord) -> Option<Transition> {
         self.tally.ticks += 1;
-        let now = self.rebuild.as_mut().and_then(|rebuild| rebuild.follow(record));
+        self.last = Some((record.session, record.tick));
+        self.awaits_rest &= is_controlled(record);
+        let known = self.rebuild.as_mut().filter(|_| !self.awaits_rest);
+        let now = known.and_then(|rebuild| rebuild.follow(record));
         let before = self.before.take();
         let transition = before.and_then(|before| self.transition(before, now.as_ref(), record));
         let left_out = match &now {
-            None if self.rebuild.is_none() => Some(LeftOut::LawDiffers),
+            None if self.rebuild.is_none() || self.awaits_rest => Some(LeftOut::LawDiffers),
             None => Some(LeftOut::NotRunning),
             Some(now) => {
                 if let Some(same) = now.is_same_to_the_bit.filter(|_| now.is_sound) {
@@ -330,7 +345,7 @@ impl Transitions {
 
     fn transition(&self, before: RebuiltTick, now: Option<&RebuiltTick>, record: &TickRecord) -> Option<Transition> {
         let action = self.action(&before)?;
-        if (record.session, record.tick) != (before.at.0, before.at.1.wrapping_add(1)) {
+        if !is_next(before.at, record) {
             return None;
         }
         let settings = &self.environment.reward;
@@ -379,6 +394,11 @@ impl Transitions {
         let is_within = actions.iter().all(|a| a.abs() <= MOST_ACTION);
         is_within.then(|| actions.iter().map(|a| a.clamp(-WITHIN_ACTION, WITHIN_ACTION)).collect())
     }
+}
+
+/// Tells whether a tick comes right behind one of this session and number.
+fn is_next((session, number): (u32, u32), record: &TickRecord) -> bool {
+    (record.session, record.tick) == (session, number.wrapping_add(1))
 }
 
 const fn name_of(what: Exchanged) -> &'static str {

@@ -18,8 +18,7 @@ use model::predict::{DualPressureRig, Predictor};
 use model::rig::Rig;
 use model::shown_reference::ShownReference;
 use model::steady::SteadyMap;
-use proto::emulator::{SensorScale, Sensors, rig_and_crio};
-use proto::rig_file::RigFileError;
+use proto::emulator::{SensorScale, Sensors, load_for_loop};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use rand::RngExt as _;
@@ -50,7 +49,7 @@ pub(crate) struct Env {
     episode: Option<Episode>,
 }
 
-/// What lives for one episode.
+/// State that lives for one episode.
 struct Episode {
     plant: DualPressureRig,
     predictor: Predictor,
@@ -59,7 +58,7 @@ struct Episode {
     reference: Vec<Pair>,
     soft_start: SoftStart,
     input: ControlInput,
-    /// What the rig's sensors show of chambers on the goals, up to the present one, and for now and the next ticks.
+    /// Readings of the rig's sensors with the chambers on the goals, up to the present one, and for now and the next ticks.
     shown_reference: ShownReference,
     shown_kpa: [Pair; AHEAD + 1],
     predicted_kpa: [Pair; AHEAD],
@@ -77,10 +76,8 @@ impl Env {
     #[new]
     fn new(rig: &str, model: Option<&str>, episode_s: f64, noise_v_rms: Option<f64>, spread: f64) -> PyResult<Self> {
         let model_file = model.unwrap_or(rig);
-        let plant = proto::rig_file::load(rig).map_err(refused)?;
-        let model = proto::rig_file::load(model_file).map_err(refused)?;
-        fit_for_the_controller(rig, &plant)?;
-        fit_for_the_controller(model_file, &model)?;
+        let plant = load_for_loop(rig, None).map_err(refused)?;
+        let model = load_for_loop(model_file, None).map_err(refused)?;
         let mut settings = EnvironmentSettings {
             episode_s,
             spread: DomainRandomization {
@@ -145,12 +142,6 @@ impl Env {
         let info: Info = episode.info(pressures);
         Ok((PyBytes::new(py, &episode.observation()), value, terminal, truncated, info.to_vec()))
     }
-}
-
-/// Refuses a rig that lacks what the controller reads and commands or has another tick than it, by its file.
-fn fit_for_the_controller(file: &str, rig: &Rig) -> PyResult<()> {
-    let wrong = |problem| refused(RigFileError::Rig { file: file.to_owned(), problem });
-    rig_and_crio(rig).map(|_| ()).map_err(wrong)
 }
 
 /// A setting's error under the name that the argument has in Python.

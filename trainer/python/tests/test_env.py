@@ -103,6 +103,18 @@ class Interface(unittest.TestCase):
         self.assertIn("12 duties", refusal(env.step, OPEN.reshape(6, 2)))
 
 
+    def test_a_rig_whose_sensors_leave_the_wires_volts_is_refused_as_plant_and_as_model(self):
+        # The daemon takes 0.8 … 5.2 V for sound: a policy learned on such a rig could not be flown.
+        text = (ROOT / "model/rigs/bench.toml").read_text()
+        self.assertEqual(text.count("range_v = [1.0, 5.0]"), 2)
+        with folder() as here:
+            rig = here / "volts.toml"
+            rig.write_text(text.replace("range_v = [1.0, 5.0]", "range_v = [0.0, 10.0]", 1))
+            for settings in ({"rig": str(rig)}, {"model": str(rig)}):
+                told = refusal(make, **settings)
+                self.assertRegex(told, r"volts\.toml: sensors\.\w+\.range_v: .* 0 kPa at 0 V; .* 0\.8 … 5\.2 V")
+
+
 class Physics(unittest.TestCase):
     def test_predictions_are_what_comes_where_the_model_is_the_plant(self):
         env = make(rig="dual_pressure", model=None, episode_s=4.0, noise_v_rms=0.0)

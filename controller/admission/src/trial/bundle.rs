@@ -38,7 +38,7 @@ pub struct Limits {
     pub min_neg_kpa: f64,
 }
 
-/// Who decides the duties.
+/// Source of the duties.
 pub(super) enum Flyer<'a> {
     /// The fallback.
     Fallback,
@@ -245,7 +245,7 @@ impl Member {
     }
 }
 
-/// What is wrong with both valves of a rig beside what its file says: late, slow, with backlash.
+/// Faults of both valves of a rig beside what its file says: late, slow, with backlash.
 struct Valves {
     delay_ticks: usize,
     /// Commands that have not come yet, the newest last.

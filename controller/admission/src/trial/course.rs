@@ -11,7 +11,7 @@ use model::steady::SteadyMap;
 /// pressures). Chosen so that rigs with a fifth more or less flow can hold them too.
 const MIDDLE_DUTY: Pair = [0.86, 0.86];
 const HIGHER_DUTY: Pair = [0.80, 0.82];
-/// Where to rest if the model rests nowhere there: where the paper's reference begins.
+/// Pressures to rest at if the model rests nowhere there: where the paper's reference begins.
 const OTHERWISE_KPA: [Pair; 2] = [[80.0, -70.0], [88.0, -72.5]];
 /// Largest step in kPa: one that takes the rig part of a second.
 const STEP_KPA: Pair = [6.0, 2.5];
@@ -77,12 +77,12 @@ impl Course {
         self.shown_kpa.get(tick).or(self.shown_kpa.last()).copied().unwrap_or([0.0; CHANNELS])
     }
 
-    /// Whether errors at a tick count.
+    /// Tells whether errors at a tick count.
     pub fn counts(&self, tick: usize) -> bool {
         tick as f64 * TICK_S >= COUNTED_S
     }
 
-    /// Which of the two still stretches a tick is in.
+    /// Still stretch, of the two, that a tick is in.
     pub fn still(&self, tick: usize) -> Option<usize> {
         STILL_S.iter().position(|stretch| stretch.contains(&(tick as f64 * TICK_S)))
     }

@@ -1,4 +1,4 @@
-//! What a trial's flights say about a policy: refused, or its figures.
+//! Judgement of a policy by its trial's flights: refused, or its figures.
 
 use model::observation::{CHANNELS, Pair};
 use serde::{Deserialize, Serialize};
@@ -33,9 +33,9 @@ pub struct TrialFigures {
     pub fallback_rmse_kpa: Pair,
     /// Ratio to the incumbent's errors over the rigs around the model, geometric mean.
     pub ratio: Pair,
-    /// The same on the worst of them.
+    /// Ratio on the worst of them.
     pub worst_ratio: Pair,
-    /// The same over rigs with worn valves, geometric mean.
+    /// Ratio over rigs with worn valves, geometric mean.
     pub worn_ratio: Pair,
     /// The largest swing of a pressure on a hold, in kPa.
     pub swing_kpa: Pair,
@@ -43,12 +43,12 @@ pub struct TrialFigures {
     pub chatter_duty: Pair,
 }
 
-/// What a trial says.
+/// Outcome of a trial.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Judgement {
     /// The figures.
     pub figures: TrialFigures,
-    /// Why the policy must not fly, one line; `None` if it may.
+    /// Reason why the policy must not fly, one line; `None` if it may.
     pub refused: Option<String>,
 }
 
@@ -137,7 +137,7 @@ fn refusal(flown: &[Tally], fallback: &[Tally], figures: &TrialFigures) -> Optio
         .or_else(|| worse(figures.worn_ratio, MOST_IN_ONE_CHANNEL, "over rigs with worn valves"))
 }
 
-/// What a rig of the trial is called.
+/// Name of a rig of the trial.
 fn name(rig: usize) -> String {
     match rig {
         0 => "the model".to_owned(),

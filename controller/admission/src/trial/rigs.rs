@@ -19,9 +19,9 @@ pub const LANES: usize = 8;
 pub const BUNDLES: usize = 2;
 /// Seed of the draws: the same rigs for everybody who is compared.
 const SEED: u64 = 44;
-/// How far parameters are drawn in each bundle, as a share.
+/// Share by which parameters are drawn in each bundle.
 const SPREAD: [f64; BUNDLES] = [0.2, 0.1];
-/// How far a valve's opening is moved, in duty.
+/// Distance by which a valve's opening is moved, in duty.
 const OPENING_DUTY: f64 = 0.02;
 /// The slowest valve, time constant in ms, and the widest backlash, half width in duty.
 const LAG_MS: f64 = 50.0;

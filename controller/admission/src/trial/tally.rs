@@ -1,4 +1,4 @@
-//! What is counted on one rig of a trial.
+//! Counts on one rig of a trial.
 
 use model::observation::{CHANNELS, Pair};
 
@@ -13,7 +13,7 @@ pub struct Tally {
     pub chatter_duty: Pair,
     /// Seconds after arming at which the envelope was left; `None` if it was kept.
     pub left_s: Option<f64>,
-    /// Whether the policy answered something that is not finite.
+    /// True where the policy answered something that is not finite.
     pub not_finite: bool,
 }
 

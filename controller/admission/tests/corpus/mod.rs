@@ -94,7 +94,7 @@ pub fn network(bytes: &[u8]) -> (ObservationLayout, PolicyGraph) {
     (layout, exported.graph)
 }
 
-/// What the trainer left in `docs/runs`, by name.
+/// Policies that the trainer left in `docs/runs`, by name.
 pub fn trained() -> Vec<(String, Vec<u8>)> {
     let mut all = vec![("default".to_owned(), shipped())];
     for entry in std::fs::read_dir(root().join("docs/runs")).unwrap().flatten() {

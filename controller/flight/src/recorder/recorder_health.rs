@@ -33,7 +33,7 @@ impl RecorderHealth {
         self.state.error.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Why nothing new should be started now, one line: what is wrong, too little room, or a disk that does not answer.
+    /// Reason why nothing new should be started now, one line: what is wrong, too little room, or a disk that does not answer.
     ///
     /// # Real-time
     /// Not in the tick.

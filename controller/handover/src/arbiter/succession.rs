@@ -1,4 +1,4 @@
-//! Who comes after whom: orders carried out, candidates taken in, lost and promoted, and what is told of each.
+//! Succession of policies: orders carried out, candidates taken in, lost and promoted, and what is told of each.
 //!
 //! All of it runs in the tick: nothing is freed here, what goes is handed to the publishing thread. The rules are those of
 //! [`crate::succession`]; here they move the policies themselves.

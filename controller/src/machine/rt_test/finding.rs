@@ -1,4 +1,4 @@
-//! What is at fault for a late tick, and the very line that changes it.
+//! Causes of a late tick, each with the very line that changes it.
 
 use serde::Serialize;
 
@@ -13,7 +13,7 @@ const IDLE_EXIT_US: u64 = 150;
 /// Least share of a period that real-time threads need: a tick of 10 ms in 20, and as much for others. Chosen.
 const RT_SHARE: f64 = 0.8;
 
-/// How much it matters.
+/// Importance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Weight {
@@ -26,15 +26,15 @@ pub enum Weight {
 /// Something at fault.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// How much it matters.
+    /// Importance.
     pub weight: Weight,
-    /// What was found, one clause.
+    /// Finding in one clause.
     pub what: String,
     /// The line that changes it: a command, or a line for a file.
     pub fix: String,
 }
 
-/// What is at fault, the worst first.
+/// Causes, the worst first.
 pub fn findings(test: &RtTest) -> Vec<Finding> {
     let mut found = refused(test);
     let late = test.loaded.fifo.p999_us > LATE_US || test.quiet.fifo.p999_us > LATE_US || test.misses() > 0;

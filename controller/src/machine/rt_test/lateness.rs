@@ -1,4 +1,4 @@
-//! How late a thread wakes: percentiles and counts in fixed bins.
+//! Lateness with which a thread wakes: percentiles and counts in fixed bins.
 
 use flight::duration_histogram::DurationHistogram;
 use serde::Serialize;

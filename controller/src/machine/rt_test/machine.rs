@@ -1,4 +1,4 @@
-//! What of this machine decides how late a thread may be, read from `/proc` and `/sys`.
+//! Properties of this machine that decide how late a thread may be, read from `/proc` and `/sys`.
 
 use std::path::Path;
 
@@ -9,12 +9,12 @@ use serde::Serialize;
 /// The largest file of the kernel's that is read, in bytes.
 const MOST_BYTES: u64 = 1 << 20;
 
-/// What decides how late a thread may be; absent what the kernel does not tell.
+/// Properties that decide how late a thread may be; absent what the kernel does not tell.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Machine {
     /// Release of the kernel.
     pub kernel: String,
-    /// How the kernel may be interrupted: `rt`, `full`, `lazy`, `voluntary`, `none`, `dynamic` where only that is known.
+    /// Preemption of the kernel: `rt`, `full`, `lazy`, `voluntary`, `none`, `dynamic` where only that is known.
     pub preemption: Option<String>,
     /// Share of each period that real-time threads may use, and the period, in µs; -1: all of it.
     pub rt_runtime_us: Option<i64>,
@@ -30,9 +30,9 @@ pub struct Machine {
     pub cpu_quota: Option<f64>,
     /// Longest way out of an idle state on the tick's CPU (µs).
     pub idle_exit_us: Option<u64>,
-    /// What the kernel tells time with.
+    /// Clock by which the kernel tells time.
     pub clock_source: Option<String>,
-    /// Whether this is a virtual machine.
+    /// True where this is a virtual machine.
     pub virtual_machine: bool,
     /// CPUs that may be used.
     pub cpus: usize,
@@ -125,7 +125,7 @@ pub struct CpuTime {
 }
 
 impl CpuTime {
-    /// Of one CPU, as of now.
+    /// Counts of one CPU, as of now.
     pub fn of(cpu: usize) -> Option<Self> {
         Self::in_text(&regular_file::read_text(Path::new("/proc/stat"), MOST_BYTES).ok()?, cpu)
     }

@@ -1,4 +1,4 @@
-//! What this machine does to a thread that has to be on time: measured with and without load, with what is at fault.
+//! Test of what this machine does to a thread that has to be on time: measured with and without load, with what is at fault.
 //!
 //! A thread with the tick's priority and CPU wakes every millisecond, and beside it one without either, as any program
 //! has; once on the machine as it is, once under a load of this program's own. The tick needs less than that: every
@@ -41,11 +41,11 @@ pub struct Phase {
     pub normal: LatenessFigures,
     /// Share of the CPU's time that a host took.
     pub stolen: f64,
-    /// How long it took (s).
+    /// Duration (s).
     pub seconds: f64,
 }
 
-/// What was measured.
+/// Results of the measurement.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RtTest {
     /// The tick's CPU.
@@ -54,9 +54,9 @@ pub struct RtTest {
     pub quiet: Phase,
     /// Under load.
     pub loaded: Phase,
-    /// What the system refused, one line each.
+    /// Refusals of the system, one line each.
     pub refused: Vec<String>,
-    /// What the machine is.
+    /// Description of the machine.
     pub machine: Machine,
 }
 
@@ -81,7 +81,7 @@ impl RtTest {
         self.quiet.fifo.over_6_ms + self.loaded.fifo.over_6_ms
     }
 
-    /// Whether a tick would have been on time throughout, with all that the daemon asks for granted.
+    /// Tells whether a tick would have been on time throughout, with all that the daemon asks for granted.
     pub fn is_good(&self) -> bool {
         self.refused.is_empty() && self.misses() == 0
     }

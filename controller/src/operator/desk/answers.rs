@@ -148,7 +148,7 @@ pub(super) fn one_line(text: &str) -> String {
     line
 }
 
-/// Who, and when by the wall clock.
+/// Name, and time by the wall clock.
 fn stamp(peer: Peer) -> String {
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
     format!("{peer} at {}", rfc3339(UNIX_EPOCH + Duration::from_secs(seconds)))

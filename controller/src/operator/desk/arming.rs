@@ -75,7 +75,7 @@ impl Desk {
         self.over_remarking(Carried::Arming, "arm", Vec::new(), asked)
     }
 
-    /// Whether arming is over, and how; `None` while it may still go either way.
+    /// Outcome of arming once it is over; `None` while it may still go either way.
     fn arming(&mut self, ticket: Ticket, asked: Asked) -> Option<Result<(), String>> {
         let late = asked.is_late();
         let fate = self.options.mailbox.fate(ticket);

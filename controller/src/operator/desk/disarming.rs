@@ -22,7 +22,7 @@ pub(super) enum Disarming {
     Ordered,
     /// A tick had taken it by then, monotonic clock (ns); whatever is shown later follows it.
     Taken {
-        /// When that was seen.
+        /// Time at which that was seen.
         at_ns: u64,
     },
     /// A tick was shown that is not under control; the cRIO's report is waited for.

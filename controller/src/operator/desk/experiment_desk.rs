@@ -21,14 +21,14 @@ use crate::machine::clock::now_ns;
 use crate::operator::mailbox::OperatorMailbox;
 use crate::operator::peer::Peer;
 
-/// How long the recorder may take to see the last tick of an experiment before its recording is finished without it:
+/// Time that the recorder may take to see the last tick of an experiment before its recording is finished without it:
 /// after a lost link there is no tick that would show the end.
 const LAST_TICKS: Duration = Duration::from_secs(1);
 
 /// An experiment in a running daemon, as those who ask are told.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ExperimentView {
-    /// Its number in this run, from 1.
+    /// Number in this run, from 1.
     pub number: u64,
     /// The file, as it was named.
     pub file: String,
@@ -41,34 +41,34 @@ pub struct ExperimentView {
     pub pump_off: Option<String>,
     /// Least and largest pressure by the model, per channel, in kPa gauge.
     pub forecast_kpa: [[f64; 2]; 2],
-    /// How far it is; absent once it is over.
+    /// Phase; absent once it is over.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub phase: Option<ExperimentPhase>,
     /// Rows that were sent.
     #[serde(default)]
     pub reached: u32,
-    /// What came of it, once its recording is finished.
+    /// Outcome, once its recording is finished.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub outcome: Option<ExperimentOutcome>,
 }
 
-/// What came of an experiment.
+/// Outcome of an experiment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ExperimentOutcome {
-    /// Why it did not come to its end, in a few words; absent: it did.
+    /// Reason why it did not come to its end, in a few words; absent: it did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub aborted: Option<String>,
-    /// Its recording: the last finished file.
+    /// Recording: the last finished file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording: Option<PathBuf>,
-    /// What is wrong with the recording, or why there is none.
+    /// Problem with the recording, or the reason why there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording_problem: Option<String>,
     /// Ticks in it, the rest before and after the rows included.
     pub ticks_recorded: u64,
     /// Ticks that could not be kept.
     pub ticks_dropped: u64,
-    /// What the cRIO reported.
+    /// Report of the cRIO.
     pub played: PlaybackReport,
 }
 
@@ -101,12 +101,12 @@ impl ExperimentDesk {
         ExperimentDesk { log, count: 0, under_way: None, last: None }
     }
 
-    /// Whether one is being played: nothing else is done meanwhile.
+    /// Tells whether one is being played: nothing else is done meanwhile.
     pub(super) fn is_playing(&self) -> bool {
         self.under_way.as_ref().is_some_and(|under_way| under_way.over.is_none())
     }
 
-    /// Whether another one may begin: none is being played, and the last one's recording is finished.
+    /// Tells whether another one may begin: none is being played, and the last one's recording is finished.
     pub(super) fn is_free(&self) -> bool {
         self.under_way.is_none()
     }

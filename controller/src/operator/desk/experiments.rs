@@ -21,7 +21,7 @@ const NO_EXPERIMENTS: &str = "experiments cannot be played in this run";
 /// Answered to what would come between.
 pub(super) const UNDER_WAY: &str = "an experiment is under way; wait for its end, or disarm to stop it";
 
-/// What a check found: the experiment, or what is wrong with it.
+/// Result of a check: the experiment, or what is wrong with it.
 type Checked = Result<Box<Experiment>, String>;
 
 /// An experiment that is being checked.
@@ -52,7 +52,7 @@ impl Desk {
         }
     }
 
-    /// Whether an experiment is under way and this would come between: everything but looking on and stopping, and where
+    /// Tells whether an experiment is under way and this would come between: everything but looking on and stopping, and where
     /// something waits for a person after it was stopped, acknowledging.
     pub(super) fn comes_between(&self, ask: &Ask) -> bool {
         let within = self.experiments.as_ref().is_some_and(ExperimentDesk::is_playing);
@@ -86,7 +86,7 @@ impl Desk {
         check_aside(name.to_owned(), csv, self.at_work(), move || models.rig(), self.options.safety)
     }
 
-    /// Why none can begin now: it begins from standing by or from control, and it is recorded.
+    /// Reason why none can begin now: it begins from standing by or from control, and it is recorded.
     fn why_no_experiment(&self) -> Option<String> {
         let Some(status) = self.live_status() else { return Some(self.no_session()) };
         let ready = status.state == State::Run || status.can_arm;

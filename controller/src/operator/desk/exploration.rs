@@ -71,7 +71,7 @@ impl Desk {
         self.ask_tick(Request::Explore(rules), asked.since)
     }
 
-    /// Whether switching exploration is over, and how; `None` while it may still go either way.
+    /// Outcome of switching exploration once that is over; `None` while it may still go either way.
     fn exploring(&self, Switching { ticket, wanted }: Switching, asked: Asked) -> Option<Result<String, String>> {
         let late = asked.is_late();
         let fate = self.options.mailbox.fate(ticket);
@@ -92,7 +92,7 @@ impl Desk {
     }
 }
 
-/// Why exploration cannot begin now, one line; `None` where it can. The tick has the last word.
+/// Reason why exploration cannot begin now, one line; `None` where it can. The tick has the last word.
 fn why_not(status: Option<&Status>, policies: &PolicyHandle) -> Option<String> {
     let Some(status) = status else { return Some("no session with the cRIO".to_owned()) };
     if status.state != State::Run {

@@ -57,7 +57,7 @@ mod references;
 
 pub use experiment_desk::{ExperimentOutcome, ExperimentView};
 
-/// What an operator may do.
+/// Permissions of an operator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum May {
     /// Everything.
@@ -66,31 +66,31 @@ pub enum May {
     OnlyStop,
 }
 
-/// What a desk works with.
+/// Settings of a desk.
 pub struct DeskOptions {
     /// The way to the tick.
     pub mailbox: OperatorMailbox,
     /// Limits that references must keep.
     pub safety: Safety,
-    /// How references are followed.
+    /// Settings by which references are followed.
     pub reference: ReferenceChoice,
-    /// How the recording does.
+    /// Health of the recording.
     pub health: RecorderHealth,
-    /// Where the record of who asked for what goes.
+    /// Place where the record of who asked for what goes.
     pub notes: Noter,
-    /// What an operator may do.
+    /// Permissions of an operator.
     pub may: May,
-    /// What the daemon runs with.
+    /// Names of what the daemon runs with.
     pub running: Running,
     /// The reference that is followed once armed, where there is one.
     pub followed: Option<Arc<Reference>>,
     /// Policies and models, where they can be changed.
     pub policies: Option<PolicyHandle>,
-    /// Where experiments are recorded, where they can be played within the run.
+    /// Place where experiments are recorded, where they can be played within the run.
     pub experiments: Option<ExperimentLog>,
     /// Live viewers, where there may be some.
     pub viewers: Option<Tap>,
-    /// How exploration is configured; the seed is each one's own.
+    /// Configuration of exploration; the seed is each one's own.
     pub exploration: ExplorationRules,
     /// Age from which a status no longer tells what is: there is no session.
     pub stale: Duration,
@@ -103,7 +103,7 @@ pub struct Desk {
     options: DeskOptions,
     experiments: Option<ExperimentDesk>,
     newest: Option<Shown>,
-    /// When live viewers were last told the state.
+    /// Time at which live viewers were last told the state.
     viewers_told: Option<Instant>,
     /// Cause of the last disarming.
     disarmed_by: Option<DisarmedBy>,
@@ -128,13 +128,13 @@ const WITHDRAWN: &str = "it was not carried out: no tick in time";
 /// Recorded of a request whose client left before the tick took it.
 const LEFT: &str = "the client went away; withdrawn";
 
-/// What is asked for and not yet answered.
+/// Request that is not yet answered.
 pub struct Pending {
     what: What,
     asked: Asked,
 }
 
-/// Who asks for something, since when, what had stopped the rig by then, and until when it is answered.
+/// Record of who asks for something, since when, what had stopped the rig by then, and until when it is answered.
 #[derive(Debug, Clone, Copy)]
 struct Asked {
     peer: Peer,
@@ -149,7 +149,7 @@ impl Asked {
         Instant::now() >= self.until
     }
 
-    /// The same request, whose current part takes this long from now.
+    /// Gives the request more time: its current part takes this long from now.
     fn taking(self, time: Duration) -> Self {
         Asked { until: Instant::now() + time, ..self }
     }
@@ -172,7 +172,7 @@ enum What {
     Experiment(Beginning),
 }
 
-/// What comes of a request for now.
+/// Outcome of a request for now.
 pub enum Step {
     /// The answer.
     Done(Box<Reply>),
@@ -288,19 +288,19 @@ impl Desk {
         })
     }
 
-    /// Whether a thread works on a policy, a model or an experiment.
+    /// Tells whether a thread works on a policy, a model or an experiment.
     fn is_working(&self) -> bool {
         self.working.strong_count() > 0
     }
 
-    /// What the next such thread holds.
+    /// Token that the next such thread holds.
     fn at_work(&mut self) -> AtWork {
         let at_work = Arc::new(());
         self.working = Arc::downgrade(&at_work);
         at_work
     }
 
-    /// What becomes of a request whose client has left: withdrawn, unless a tick has taken it.
+    /// Fate of a request whose client has left: withdrawn, unless a tick has taken it.
     fn withdrawn(&self, ticket: Ticket) -> Result<(), String> {
         if self.options.mailbox.withdraw(ticket) { Err(LEFT.to_owned()) } else { Ok(()) }
     }

@@ -76,7 +76,7 @@ impl Desk {
         self.done_remarking(&remarking.remarks)
     }
 
-    /// Why the rig is not under control any more since it was armed, one line; `None` where it is, or nothing is known of it.
+    /// Reason why the rig is not under control any more since it was armed, one line; `None` where it is, or nothing is known of it.
     fn ended_since(&self, asked: Asked) -> Option<String> {
         // An experiment that somebody has begun arms it again by itself.
         let is_over = |status: &Status| !status.state.is_controlling() && status.experiment.is_none();

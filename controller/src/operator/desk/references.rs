@@ -31,7 +31,7 @@ pub(super) struct Reading {
 pub(super) struct Following {
     ticket: Ticket,
     name: String,
-    /// What goes into the recording once the tick has taken it.
+    /// Text for the recording once the tick has taken it.
     csv: String,
     reference: Arc<Reference>,
     /// Lines on it that a person should know.
@@ -216,7 +216,7 @@ fn read_aside(file: PathBuf, csv: Option<String>) -> Result<Receiver<Result<Refe
     Ok(from)
 }
 
-/// What is wrong with a file that the daemon read with rights of its own: where, never what stands there.
+/// Problem of a file that the daemon read with rights of its own: where, never what stands there.
 fn without_cells(file: &Path, error: &ReferenceError) -> String {
     if let ReferenceError::Read { .. } = error {
         return error.to_string();

@@ -12,7 +12,7 @@ pub enum Request {
     Arm,
     /// Open the vents.
     Disarm,
-    /// What was wrong has been looked at; what still holds goes on waiting.
+    /// A person has looked at what was wrong; what still holds goes on waiting.
     Acknowledge,
     /// Follow another reference.
     Reference(Box<Reference>),
@@ -22,7 +22,7 @@ pub enum Request {
     Explore(Option<ExplorationRules>),
 }
 
-/// What the tick must not free.
+/// Memory that the tick must not free.
 #[derive(Debug)]
 pub enum Spent {
     /// A reference that is no longer followed, or never was.
@@ -38,7 +38,7 @@ impl Request {
         matches!(self, Request::Experiment(_))
     }
 
-    /// What a request that is not carried out leaves to be freed.
+    /// Memory that a request which is not carried out leaves to be freed.
     pub(super) fn spent(self) -> Option<Spent> {
         match self {
             Request::Reference(reference) => Some(Spent::Reference(reference)),

@@ -1,10 +1,10 @@
-//! Why there is no session, in words for a person: often the one who writes the cRIO's program.
+//! Reason why there is no session, in words for a person: often the one who writes the cRIO's program.
 
 use std::io;
 
 use proto::wire::{ByeReason, FrameType, HELLO_LENGTH, HelloRefusal, WireError};
 
-/// Why there is no session.
+/// Reason why there is no session.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     /// The address has no host, or the name is not known.
@@ -12,7 +12,7 @@ pub enum LinkError {
     Resolve {
         /// As configured.
         address: String,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// Nobody answers there.
@@ -20,7 +20,7 @@ pub enum LinkError {
     Connect {
         /// As configured.
         address: String,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// The link broke during the handshake.
@@ -28,7 +28,7 @@ pub enum LinkError {
     Broken {
         /// As configured.
         address: String,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// No HELLO came back.
@@ -42,7 +42,7 @@ pub enum LinkError {
     Unanswered {
         /// As configured.
         address: String,
-        /// What came.
+        /// Frame or bytes that came.
         heard: Heard,
     },
     /// The bytes are no frames.
@@ -50,7 +50,7 @@ pub enum LinkError {
     Wire {
         /// As configured.
         address: String,
-        /// What is wrong.
+        /// The problem.
         error: WireError,
     },
     /// The HELLO that came back cannot open a session.
@@ -58,7 +58,7 @@ pub enum LinkError {
     Refused {
         /// As configured.
         address: String,
-        /// Why.
+        /// Reason.
         refusal: HelloRefusal,
     },
     /// The cRIO answered with another session.
@@ -66,9 +66,9 @@ pub enum LinkError {
     Session {
         /// As configured.
         address: String,
-        /// What was asked for.
+        /// Number that was asked for.
         sent: u32,
-        /// What came back.
+        /// Number that came back.
         found: u32,
     },
     /// The cRIO said BYE.
@@ -76,15 +76,15 @@ pub enum LinkError {
     Bye {
         /// As configured.
         address: String,
-        /// Why.
+        /// Reason.
         reason: ByeReason,
     },
 }
 
 /// Bytes that came instead of a HELLO.
 ///
-/// The same mistake has the same words with every attempt, so that it is told once. So the numbers of a damaged frame are
-/// left out: the clock in it makes them new each time.
+/// Frame or bytes that were heard, as they are told. A mistake has the same words with every attempt, so that it is told once. So
+/// the numbers of a damaged frame are left out: the clock in it makes them new each time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Heard {
     /// A frame with another CRC than its bytes have.
@@ -92,13 +92,13 @@ pub enum Heard {
         "the CRC of a {frame} that came does not fit its bytes; it is zlib's crc32 of all bytes before it, big-endian"
     )]
     WrongCrc {
-        /// Its type.
+        /// Type.
         frame: FrameType,
     },
     /// A frame with the right CRC, its lowest byte first.
     #[error("the CRC of a {frame} that came has its four bytes in reverse; every number is big-endian")]
     SwappedCrc {
-        /// Its type.
+        /// Type.
         frame: FrameType,
     },
     /// A frame that is damaged in another way.
@@ -109,7 +109,7 @@ pub enum Heard {
         "a {frame} came before it; the cRIO first answers the daemon's HELLO with one of its own that has the same session"
     )]
     Early {
-        /// Its type.
+        /// Type.
         frame: FrameType,
     },
     /// Less than a frame.
@@ -117,7 +117,7 @@ pub enum Heard {
         "{bytes} bytes came and then no more, which is no whole frame; a HELLO has {HELLO_LENGTH}, its CRC included"
     )]
     Piece {
-        /// How many.
+        /// Number found.
         bytes: usize,
     },
 }

@@ -1,4 +1,4 @@
-//! What whoever writes a cRIO is told of the first mistakes, over a real socket.
+//! Messages to whoever writes a cRIO about the first mistakes, over a real socket.
 
 use std::io::{Read, Write};
 use std::net::TcpListener;
@@ -10,7 +10,7 @@ use socket2::SockRef;
 
 use super::Link;
 
-/// What is said of a cRIO that answers the daemon's HELLO with these bytes, and then waits or closes.
+/// Message about a cRIO that answers the daemon's HELLO with these bytes, and then waits or closes.
 fn said(answer: fn(Hello) -> Vec<u8>, then: Then) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();
@@ -105,7 +105,7 @@ fn what_came_instead_of_a_hello_is_told() {
     assert!(said(|_| Vec::new(), Then::Closes).contains("the link broke during the handshake"));
 }
 
-/// The same trouble is told once because it has the same words each time.
+/// A trouble is told once because it has the same words each time.
 #[test]
 fn the_same_mistake_has_the_same_words_each_time() {
     let words = || said(with_wrong_crc, Then::Closes).split_once(": connected").map(|(_, words)| words.to_owned());

@@ -173,7 +173,7 @@ pub(crate) fn hint(name: &str, from: &str, numbers: &[f64]) -> String {
     format!("; {what}, and {reaches}: {key}")
 }
 
-/// The same for a command that the rig file scales already: its own ends where they are near to 0 and 1, and all of its numbers as they stand
+/// Ends of a command that the rig file scales already: its own ends where they are near to 0 and 1, and all of its numbers as they stand
 /// in the file otherwise.
 pub(crate) fn of_scaled(name: &str, from: &str, scaled: &[f64], written: &[f64]) -> String {
     let [least, most] = ends(scaled);

@@ -4,7 +4,7 @@
 //! rig file (`unit = "hPa abs"`). Pressures come out as gauge kPa, times as s, commands as shares of 1. Factors are those of
 //! the SI brochure and NIST SP 811.
 
-/// What a number in a unit measures.
+/// Quantity that a number in a unit measures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Unit {
     /// Pressure against the open air: kPa per unit.
@@ -160,8 +160,8 @@ impl Unit {
     }
 }
 
-/// Whether a stroke without blanks stands between a name and its unit (`p/kPa`, `Time/s`), and not within a unit (`l/min`), nor between what
-/// is divided (`on/off`).
+/// Tells whether a stroke without blanks stands between a name and its unit (`p/kPa`, `Time/s`), and not within a unit (`l/min`), nor
+/// between what is divided (`on/off`).
 fn is_over(before: &str, unit: &str) -> bool {
     let of_time = ["time", "zeit", "stamp", "elapsed"].iter().any(|word| before.to_ascii_lowercase().contains(word));
     let is_one = match Unit::parse(unit) {

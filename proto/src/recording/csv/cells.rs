@@ -22,7 +22,7 @@ pub(crate) struct Broken {
     pub(crate) open: bool,
 }
 
-/// How cells are told apart.
+/// Signs that tell cells apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Grammar {
     /// Character between cells; a blank stands for a run of blanks and tabs.

@@ -1,8 +1,8 @@
-//! What can be wrong with a CSV file: one plain line each, with file, line and column.
+//! Problems of a CSV file: one plain line each, with file, line and column.
 //!
 //! Lines and columns count from 1, as an editor shows them; blank lines count.
 
-/// What is wrong with a CSV file, and where.
+/// Problem of a CSV file, and its place.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum CsvError {
     /// Nothing in it.
@@ -34,7 +34,7 @@ pub enum CsvError {
         file: String,
         /// Line of the header, from 1.
         line: u64,
-        /// What stands there, in words.
+        /// Separator, in words.
         separator: &'static str,
     },
     /// The first line holds numbers.
@@ -48,7 +48,7 @@ pub enum CsvError {
         line: u64,
         /// The number found.
         cell: String,
-        /// What else would help, or nothing.
+        /// Further mend, or nothing.
         mend: &'static str,
     },
     /// A needed column is not there.
@@ -74,7 +74,7 @@ pub enum CsvError {
         line: u64,
         /// Column, from 1.
         position: usize,
-        /// Its name.
+        /// Name of the column.
         column: String,
     },
     /// A column without a name.
@@ -110,9 +110,9 @@ pub enum CsvError {
         line: u64,
         /// Column, from 1.
         position: usize,
-        /// Its name.
+        /// Name of the column.
         column: String,
-        /// What stands there.
+        /// Cell as it stands there.
         cell: String,
     },
     /// NaN or infinity.
@@ -126,9 +126,9 @@ pub enum CsvError {
         line: u64,
         /// Column, from 1.
         position: usize,
-        /// Its name.
+        /// Name of the column.
         column: String,
-        /// What stands there.
+        /// Cell as it stands there.
         cell: String,
     },
     /// A number outside what its column may hold.
@@ -140,9 +140,9 @@ pub enum CsvError {
         line: u64,
         /// Column, from 1.
         position: usize,
-        /// Its name.
+        /// Name of the column.
         column: String,
-        /// What stands there.
+        /// Cell as it stands there.
         value: f64,
         /// Least allowed value.
         low: f64,
@@ -162,7 +162,7 @@ pub enum CsvError {
         line: u64,
         /// Column, from 1.
         position: usize,
-        /// Its name.
+        /// Name of the column.
         column: String,
         /// Time of this row (s).
         value: f64,
@@ -180,7 +180,7 @@ pub enum CsvError {
         line: u64,
         /// Column, from 1.
         position: usize,
-        /// Its name.
+        /// Name of the column.
         column: String,
         /// Time of this row (s).
         value: f64,
@@ -198,7 +198,7 @@ pub enum CsvError {
         line: u64,
         /// Column, from 1.
         position: usize,
-        /// Its name.
+        /// Name of the column.
         column: String,
         /// Time of this row (s).
         value: f64,
@@ -225,6 +225,22 @@ pub enum CsvError {
         /// A guess at the reason, or nothing.
         mend: &'static str,
     },
+    /// Units in the head of a LabVIEW segment that may be those of other channels.
+    #[error(
+        "{file}: line {line}: the units {found} do not say which of the channels {channels} each belongs to: {why}; write each in the column of its channel, or take the line out and say them in the rig file: [recording] columns.… = {{ from = \"…\", unit = \"…\" }}"
+    )]
+    ChannelUnits {
+        /// The file.
+        file: String,
+        /// Line of the units, from 1.
+        line: u64,
+        /// The units.
+        found: String,
+        /// Names of the channels.
+        channels: String,
+        /// The reason.
+        why: String,
+    },
     /// A second header that names other columns than the first, or other units.
     #[error(
         "{file}: line {line}: another header begins here: {found} where the first has {expected}; make a file of each"
@@ -236,7 +252,7 @@ pub enum CsvError {
         line: u64,
         /// Cells of it that differ.
         found: String,
-        /// What the first has there.
+        /// Cells of the first in their place.
         expected: String,
     },
     /// A column whose cells have several units.
@@ -248,7 +264,7 @@ pub enum CsvError {
         line: u64,
         /// Column, from 1.
         position: usize,
-        /// Its name.
+        /// Name of the column.
         column: String,
         /// The first cell's unit and the other one.
         units: String,
@@ -264,7 +280,7 @@ pub enum CsvError {
         line: Option<u64>,
         /// Column, from 1.
         position: usize,
-        /// Its name.
+        /// Name of the column.
         column: String,
         /// Rows that it fills.
         own: usize,
@@ -298,7 +314,7 @@ pub enum CsvError {
         line: u64,
         /// Column, from 1.
         position: usize,
-        /// Its name.
+        /// Name of the column.
         column: String,
         /// Rows that do.
         repeats: usize,
@@ -314,9 +330,9 @@ pub enum CsvError {
         line: u64,
         /// Column, from 1.
         position: usize,
-        /// Its name.
+        /// Name of the column.
         column: String,
-        /// What stands there.
+        /// Cell as it stands there.
         cell: String,
     },
     /// A quote is opened and not closed.
@@ -352,7 +368,7 @@ fn more_places(places: usize) -> String {
     if places > 1 { format!(", and so in {} further rows", places - 1) } else { String::new() }
 }
 
-/// What helps where a time does not come after the one before (s).
+/// Mend where a time does not come after the one before (s).
 fn not_forward_mend(value: f64, previous: f64) -> &'static str {
     /// A clock that jumps back further than this was set, or a second run begins (s).
     const SET_BACK_S: f64 = 1.0;
@@ -363,7 +379,7 @@ fn not_forward_mend(value: f64, previous: f64) -> &'static str {
     }
 }
 
-/// What helps where a cell is no number.
+/// Mend where a cell is no number.
 fn no_number_mend(cell: &str) -> &'static str {
     if crate::recording::csv::numbers::says_nothing(cell) { "; leave out rows without a reading" } else { "" }
 }

@@ -7,7 +7,7 @@ use model::rig::Decimal;
 /// break a line.
 const GROUP_MARKS: [char; 5] = ['\'', '\u{2019}', '\u{a0}', '\u{202f}', '\u{2009}'];
 
-/// What loggers write where they have nothing, besides nothing at all and NaN.
+/// Words that loggers write where they have nothing, besides nothing at all and NaN.
 const NOTHING: [&str; 20] = [
     "-", "--", "---", "na", "n/a", "#n/a", "<na>", "null", "<null>", "none", "nat", "ol", "ovf", "#ovf", "err",
     "error", "bad", "invalid", "no data", "missing",
@@ -15,7 +15,7 @@ const NOTHING: [&str; 20] = [
 /// Beginnings of what C's library on Windows writes for NaN and infinity (`1.#QNAN`, `-1.#IND00`, `-nan(ind)`), a sign before them aside.
 const NOT_FINITE: [&str; 2] = ["1.#", "nan("];
 
-/// Whether a cell says that there is nothing: blank, NaN, a logger's word for it, a spreadsheet's error (`#DIV/0!`).
+/// Tells whether a cell says that there is nothing: blank, NaN, a logger's word for it, a spreadsheet's error (`#DIV/0!`).
 pub(crate) fn says_nothing(text: &str) -> bool {
     let text = text.trim();
     // Nearly every cell is a number, and a week of them is looked at.
@@ -92,7 +92,7 @@ fn rewritten(text: &str, decimal: Decimal) -> Option<f64> {
     plain.contains(|c: char| c.is_ascii_digit()).then(|| plain.parse().ok()).flatten()
 }
 
-/// Whether digits stand in groups of thousands: one mark throughout, three digits behind each, no zero in front.
+/// Tells whether digits stand in groups of thousands: one mark throughout, three digits behind each, no zero in front.
 pub(crate) fn is_grouped(whole: &str, decimal: Decimal) -> bool {
     let unsigned = whole.trim_start_matches(['+', '-']);
     let Some(mark) = unsigned.chars().find(|c| GROUP_MARKS.contains(c) || (decimal == Decimal::Point && *c == ','))

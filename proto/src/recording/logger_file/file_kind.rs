@@ -1,4 +1,4 @@
-//! What a file is, by its first bytes: what is read, and what is refused with the line that makes it readable.
+//! Kinds of files, known by their first bytes: those that are read, and those that are refused with the line that makes them readable.
 
 use super::mat5;
 use super::sheet::Sheet;
@@ -98,7 +98,7 @@ pub(crate) fn sheet(file: &str, bytes: &[u8]) -> Result<Option<Sheet<'static>>, 
     }
 }
 
-/// Whether bytes begin as a MATLAB 4 file: type, rows, columns, imaginary part, length of the name, and the name with its zero.
+/// Tells whether bytes begin as a MATLAB 4 file: type, rows, columns, imaginary part, length of the name, and the name with its zero.
 fn is_mat4(bytes: &[u8]) -> bool {
     const LONGEST_NAME: u32 = 64;
     let words = bytes.as_chunks::<4>().0;

@@ -1,10 +1,10 @@
 //! LabVIEW measurement files (`.lvm`), as the Write To Measurement File VI writes them.
 //!
-//! A header of `key<separator>value` lines says separator, decimal mark and how many columns of times there are; each segment
-//! repeats a head with the channels' units, the clock when it began and, where there is no column of times, first time and step.
-//! Rows follow a line of names that begins with `X_Value`; without a column of times that name may be blank or absent. Segments with the
-//! same names are one recording: times go on from segment to segment where `X0` does; where each begins at the same `X0`, its clock says
-//! when; where that stands still as well, rows follow each other. Columns of times that begin anew in each segment are put in order by
+//! A header of `key<separator>value` lines says separator, decimal mark and how many columns of times there are; each segment repeats a
+//! head with the channels' units ([`super::labview_units`]), the clock when it began and, where there is no column of times, first time and
+//! step. Rows follow a line of names that begins with `X_Value`; without a column of times that name may be blank or absent. Segments with
+//! the same names are one recording: times go on from segment to segment where `X0` does; where each begins at the same `X0`, its clock
+//! says when; where that stands still as well, rows follow each other. Columns of times that begin anew in each segment are put in order by
 //! the same clocks ([`super::labview_segments`]).
 
 use std::borrow::Cow;
@@ -12,6 +12,7 @@ use std::borrow::Cow;
 use model::rig::{Decimal, RecordingMap, Separator};
 
 use super::labview_segments::{self, SetBack};
+use super::labview_units::ChannelRows;
 use super::logger_text::{LastRow, Row, fill, filled, next};
 use super::sheet::{Cells, Sheet, SheetColumn, is_data};
 use super::table_head::Head;
@@ -25,14 +26,19 @@ const MAGIC: &str = "LabVIEW Measurement";
 /// First cell of the line that ends a head.
 const END_OF_HEADER: &str = "***End_of_Header***";
 /// Name of a column of times.
-const TIME: &str = "X_Value";
+pub(crate) const TIME: &str = "X_Value";
 
-/// Whether a text is a LabVIEW measurement file.
+/// Tells whether a text is a LabVIEW measurement file.
 pub(crate) fn is_measurement(text: &str) -> bool {
     text.trim_start().starts_with(MAGIC)
 }
 
-/// What the head of a segment says of its times.
+/// Tells whether columns of this first name begin with one of times.
+pub(crate) fn has_times(first: &str) -> bool {
+    first.is_empty() || first == TIME
+}
+
+/// Times of a segment as its head says them.
 #[derive(Debug, Clone, Default, PartialEq)]
 struct Segment {
     /// Line of its names: its rows stand behind it.
@@ -47,7 +53,7 @@ struct Segment {
 /// Reads such a file.
 ///
 /// # Errors
-/// No names, no rows, ragged rows, one column of times per channel whose times cannot be brought together.
+/// No names, no rows, ragged rows, units at no channel, one column of times per channel whose times cannot be brought together.
 pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result<Sheet<'a>, CsvError> {
     let separator = map.separator.unwrap_or(match value_of(text, "Separator") {
         Some("Comma") => Separator::Comma,
@@ -61,10 +67,14 @@ pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
     let mut walk = Rows::with(text.as_bytes(), grammar);
     let (mut cells, mut rows): (_, Vec<Row<'a>>) = (Vec::new(), Vec::new());
     let mut head = Head::default();
-    let (mut in_head, mut units, mut segment, mut segments) = (true, Vec::new(), Segment::default(), Vec::new());
+    let mut channel_rows = ChannelRows::default();
+    let (mut in_head, mut segment, mut segments) = (true, Segment::default(), Vec::new());
     // The line behind a segment's head has the names, whatever stands over the times: nothing does where the file has none.
     let (mut of_segment, mut names_follow) = (false, false);
     while let Some((line, row)) = next(file, &mut walk, &mut cells)? {
+        if in_head {
+            channel_rows.take(line, &row);
+        }
         let first = row.first().map_or("", AsRef::as_ref);
         let are_names = names_follow && filled(&row) > 0 && row.iter().all(|cell| !is_data(cell, decimal));
         names_follow = false;
@@ -73,7 +83,6 @@ pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
                 in_head = true;
                 of_segment = first != MAGIC;
             }
-            "Y_Unit_Label" => units = row.iter().skip(1).cloned().collect(),
             "X0" | "Delta_X" | "Date" | "Time" if in_head => {
                 segment.takes(first, row.get(1).map_or("", AsRef::as_ref), decimal);
             }
@@ -82,10 +91,11 @@ pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
                 in_head = false;
                 segment.line = line;
                 segments.push(segment.clone());
+                let units = channel_rows.units(file, &row)?;
                 if head.line.is_none() {
                     head.line = Some(line);
                     head.names = row.iter().map(ToString::to_string).collect();
-                    head.units.clone_from(&units);
+                    head.units = units;
                 } else if row.iter().map(AsRef::as_ref).ne(head.names.iter().map(String::as_str)) {
                     let names: Vec<&str> = head.names.iter().map(String::as_str).collect();
                     return Err(second_header::another(file, line, &row, &names));
@@ -106,12 +116,14 @@ pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
             found: "no names behind the heads of its segments; write the file with names, or as CSV".to_owned(),
         });
     }
-    let has_times = head.names.first().is_some_and(|name| name.is_empty() || name == TIME);
+    let has_times = head.names.first().is_some_and(|name| has_times(name));
     if let Some(name) = head.names.first_mut().filter(|name| name.is_empty()) {
         TIME.clone_into(name);
     }
-    // Units are those of the channels, which stand behind the times.
-    head.units = has_times.then_some(Cow::Borrowed("s")).into_iter().chain(head.units).collect();
+    if has_times {
+        // The units of the head are those of the channels.
+        head.units.splice(..head.units.len().min(1), [Cow::Borrowed("s")]);
+    }
     let mut sheet = Sheet {
         file: file.to_owned(),
         header_line: head.line,

@@ -3,7 +3,7 @@
 //! Found out, unless the rig file's `[recording]` says so: the separator (tab, semicolon, bar, comma, blanks), the decimal mark, how
 //! many lines stand before the one that names the columns, a row of units below it, comment lines (`#`, `%`, `//`), separators
 //! at the ends of lines, text behind the data, a last row that was cut off, UTF-16, and Latin-1 where a unit has a degree sign.
-//! How each is found:
+//! Each is found like this:
 //!
 //! ```text
 //! separator   the first with which the lines in the middle of the file have one number of cells, most of them numbers or times
@@ -78,7 +78,7 @@ pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
     Ok(sheet)
 }
 
-/// Whether the last row may have been cut off while it was written.
+/// State of the last row, which may have been cut off while it was written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum LastRow {
     /// A line end follows it.
@@ -119,7 +119,7 @@ impl Manner {
         best.map_or(Manner { separator: Separator::Comma, decimal: Decimal::Point, cells: 1 }, |(manner, ..)| *manner)
     }
 
-    /// What lines are with one separator; the share of them that have the usual number of cells; the share of numbers.
+    /// The manner of lines with one separator; the share of them that have the usual number of cells; the share of numbers.
     fn tried(sample: &[&str], separator: Separator, decimal: Option<Decimal>) -> (Self, f64, f64) {
         let split: Vec<Vec<&str>> = sample.iter().map(|line| cells_of(line, separator)).collect();
         let cells = usual(split.iter().map(Vec::len));
@@ -227,7 +227,7 @@ fn rows<'a>(file: &str, text: &'a str, grammar: Grammar) -> Result<AllRows<'a>, 
     Ok(AllRows { rows: found, comment, later_comments, last })
 }
 
-/// Whether a row is a line that somebody drew (`-----+-----` under a database's header): one cell, and no sign that says anything.
+/// Tells whether a row is a line that somebody drew (`-----+-----` under a database's header): one cell, and no sign that says anything.
 fn is_ruled(row: &[Cow<'_, str>]) -> bool {
     const SHORTEST: usize = 4;
     let [only] = row else { return false };
@@ -265,7 +265,7 @@ fn counted(number: usize, what: &str) -> String {
     format!("{number} {what}{}", if number == 1 { "" } else { "s" })
 }
 
-/// What is told of lines of text below a table: notes, means of the columns.
+/// Remark on lines of text below a table: notes, means of the columns.
 fn behind_the_data(file: &str, lines: usize, from: u64) -> String {
     format!("{file}: {} of text behind the data, from line {from} on", counted(lines, "line"))
 }

@@ -58,8 +58,8 @@ pub(crate) fn check(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<
     })
 }
 
-/// Whether a column says something of single rows: it changes where the channel of the rows does not. What does not (the number of a block,
-/// the span that was asked for) is said of the channel, or of the file.
+/// Tells whether a column says something of single rows: it changes where the channel of the rows does not. What does not (the number of a
+/// block, the span that was asked for) is said of the channel, or of the file.
 fn goes_by(sheet: &Sheet<'_>, column: usize, of_channels: usize) -> bool {
     let changes = |at: usize| -> Vec<bool> {
         match sheet.columns.get(at).map(|column| &column.cells) {

@@ -3,6 +3,7 @@
 pub(crate) mod file_kind;
 pub(crate) mod labview;
 pub(crate) mod labview_segments;
+pub(crate) mod labview_units;
 pub(crate) mod logger_text;
 pub(crate) mod long_format;
 pub(crate) mod mat5;

@@ -20,14 +20,14 @@ pub(crate) struct Remarks {
     width: usize,
     least: usize,
     decimal: Decimal,
-    /// Whether rows of data begin with a number or a time.
+    /// True where rows of data begin with a number or a time.
     begin_with_data: bool,
-    /// Whether text behind the last column is a remark.
+    /// True where text behind the last column is a remark.
     noted: bool,
 }
 
 impl Remarks {
-    /// Of rows below a header with these names, of which `width` are columns.
+    /// Finds the remarks of rows below a header with these names, of which `width` are columns.
     pub(crate) fn of(rows: &[Row<'_>], names: &[String], width: usize, decimal: Decimal) -> Self {
         let is_text = |cells: Option<&[Cow<'_, str>]>| {
             cells.is_some_and(|cells| cells.iter().all(|cell| !is_data(cell, decimal)))
@@ -57,7 +57,7 @@ impl Remarks {
         self.least
     }
 
-    /// What a line says that is no row: it has fewer cells than the others and begins with text where they begin with a number or a
+    /// The text of a line that is no row: it has fewer cells than the others and begins with text where they begin with a number or a
     /// time, or nothing but text stands behind its time, or nothing but text in it at all.
     pub(crate) fn line<'r>(&self, row: &'r [Cow<'_, str>]) -> Option<&'r str> {
         if !self.begin_with_data {
@@ -76,7 +76,7 @@ impl Remarks {
         (all_text && (beside_time || first.is_empty())).then_some(text.as_ref())
     }
 
-    /// What stands behind a row's last column, where that is a remark.
+    /// The text behind a row's last column, where that is a remark.
     pub(crate) fn behind<'r>(&self, row: &'r [Cow<'_, str>]) -> Option<&'r str> {
         let behind = row.get(self.width..)?.iter().find(|cell| !cell.is_empty());
         behind.filter(|_| self.noted).map(AsRef::as_ref)

@@ -14,7 +14,7 @@ use crate::recording::csv::numbers::parse;
 /// Fewer rows count by chance.
 const LEAST_ROWS: usize = 3;
 
-/// Whether a column of this name holds times.
+/// Tells whether a column of this name holds times.
 pub(crate) fn is_called_a_time(name: &str) -> bool {
     let name = name.to_ascii_lowercase();
     ["time", "t", "zeit", "stamp", "elapsed", "seconds"]

@@ -11,6 +11,7 @@
 //! clock, that cover the span of the first at another pace (one that is called a time may begin at another moment or be in another unit),
 //! and that end where columns which the rig asks for end.
 //! Numbers that go on with the first clock from row to row, in whatever unit of time, are no second clock, and neither is a count.
+//! The first clock may stand in several columns, as a date beside a time of day; such a table is refused.
 
 use model::rig::{RecordingMap, Rig};
 
@@ -21,7 +22,7 @@ use crate::recording::columns::{Naming, places};
 use crate::recording::csv::CsvError;
 use crate::recording::csv::numbers::{parse, says_nothing};
 use crate::recording::rows::resample::median_step;
-use crate::recording::times::{places_of_time, timestamps};
+use crate::recording::times::{milliseconds, places_of_time, timestamps};
 
 /// Times that a clock has at least: of fewer nobody can say that they go on.
 const LEAST_TIMES: usize = 10;
@@ -61,9 +62,12 @@ pub(crate) fn joined<'a>(
     }
     // A distance that the map says is that of the rows; the clocks are there all the same.
     let of_time = places_of_time(sheet, &RecordingMap { period_ms: None, ..map.clone() }, naming);
-    let ([at], Ok(asked)) = (of_time.as_slice(), places(sheet, rig, map, naming)) else { return Ok(None) };
-    let asked: Vec<usize> = asked.into_iter().flat_map(|(_, places)| places).filter(|place| place != at).collect();
-    let Some(first) = Clock::of(sheet, *at, &lengths) else { return Ok(None) };
+    let (Some((first, of_time)), Ok(asked)) = (Clock::first(sheet, map, of_time), places(sheet, rig, map, naming))
+    else {
+        return Ok(None);
+    };
+    let is_first = |place: &usize| of_time.contains(place);
+    let asked: Vec<usize> = asked.into_iter().flat_map(|(_, places)| places).filter(|place| !is_first(place)).collect();
     let length = |place: usize| lengths.get(place).copied().unwrap_or(0);
     let ends_with = |place: usize, rows: usize| length(place) <= rows && LACKING * (rows - length(place)) <= rows;
     // An end to the row is no chance; one row in so many may lack a reading, but then it must not be the first clock's end as well.
@@ -76,7 +80,7 @@ pub(crate) fn joined<'a>(
             && !clock.goes_on_with(&first)
             && (clock.spans(&first) || (clock.is_called_a_time(sheet) && clock.lasts_as_long_as(&first)))
     };
-    let others = (0..sheet.columns.len()).filter(|place| place != at && !asked.contains(place));
+    let others = (0..sheet.columns.len()).filter(|place| !is_first(place) && !asked.contains(place));
     let seconds: Vec<Clock> = others.filter_map(|place| Clock::of(sheet, place, &lengths)).filter(is_second).collect();
     let Some(second) = seconds.first() else { return Ok(None) };
     let refused = |why: &'static str| {
@@ -87,13 +91,16 @@ pub(crate) fn joined<'a>(
             position: second.at + 1,
             column: title(second.at),
             own: second.rows,
-            first: title(*at),
+            first: of_time.iter().map(|place| title(*place)).collect::<Vec<_>>().join(" and "),
             rows: first.rows,
             why,
         }
     };
     if !seconds.iter().all(|clock| clock.spans(&first)) {
         return Err(refused("the two do not cover the same time in the same unit"));
+    }
+    if of_time.len() > 1 {
+        return Err(refused("the time stands in more than one column"));
     }
     let mut clocks: Vec<&Clock> = seconds.iter().chain([&first]).collect();
     clocks.sort_by_key(|clock| clock.at);
@@ -115,22 +122,61 @@ fn filled_rows(sheet: &Sheet<'_>, at: usize) -> usize {
     }
 }
 
+/// Rows of a column whose cells say something, with these; `None` of a column that holds numbers ([`Cells::Numbers`]) and no text.
+fn said_in<'s>(sheet: &'s Sheet<'_>, at: usize) -> Option<Vec<(usize, &'s str)>> {
+    let Cells::Text(texts) = &sheet.columns.get(at)?.cells else { return None };
+    Some(texts.iter().map(AsRef::as_ref).enumerate().filter(|(_, text)| !says_nothing(text)).collect())
+}
+
 impl Clock {
+    /// The clock of the rows and its columns, in the rows in which all of these say something: their sum, as the map scales several, or a
+    /// date and a time of day, with the milliseconds that stand beside it.
+    fn first(sheet: &Sheet<'_>, map: &RecordingMap, mut places: Vec<usize>) -> Option<(Self, Vec<usize>)> {
+        let said: Vec<Vec<(usize, &str)>> = places.iter().map(|at| said_in(sheet, *at)).collect::<Option<_>>()?;
+        let (shortest, others) = said.split_first()?;
+        let is_in = |row: usize| move |of: &Vec<(usize, &str)>| of.binary_search_by_key(&row, |(at, _)| *at).is_ok();
+        let rows: Vec<usize> =
+            shortest.iter().map(|(row, _)| *row).filter(|row| others.iter().all(is_in(*row))).collect();
+        let alone = sheet.rows_alone(&rows);
+        let of_terms = || {
+            let mut sum = vec![0.0; rows.len()];
+            for (nth, at) in places.iter().enumerate() {
+                // One column alone is compared with others as it stands.
+                let term = map.time.0.get(nth).filter(|_| places.len() > 1 && map.time.0.len() == places.len());
+                let times = alone.times(*at).ok()?;
+                sum.iter_mut().zip(times).for_each(|(sum, x)| *sum += term.map_or(x, |term| term.of(x)));
+            }
+            Some(sum)
+        };
+        let mut times = alone.moments(&places).or_else(of_terms)?;
+        if let Some((of_milliseconds, finer)) = milliseconds::added(&alone, &places, &times) {
+            times = finer;
+            places.push(of_milliseconds);
+        }
+        let length = rows.last().map_or(0, |last| last + 1);
+        let clock = Clock::that_goes_on(*places.first()?, rows.into_iter().zip(times).collect(), length)?;
+        Some((clock, places))
+    }
+
     /// The times of a column; `None` where its cells are not numbers or moments that rise.
     fn of(sheet: &Sheet<'_>, at: usize, lengths: &[usize]) -> Option<Self> {
-        let Cells::Text(texts) = &sheet.columns.get(at)?.cells else { return None };
-        let rows = lengths.get(at).copied().unwrap_or(0);
-        let filled: Vec<(usize, &str)> =
-            texts.iter().map(AsRef::as_ref).enumerate().filter(|(_, text)| !says_nothing(text)).collect();
+        let filled = said_in(sheet, at)?;
         let numbers: Vec<f64> = if sheet.is_timestamped(at) {
             timestamps::column_s(&filled.iter().map(|(_, text)| *text).collect::<Vec<_>>()).ok()?
         } else {
             filled.iter().map(|(_, text)| parse(text, sheet.decimal)).collect::<Option<_>>()?
         };
-        let rises = numbers.iter().all(|time| time.is_finite()) && numbers.windows(2).all(|pair| pair[1] > pair[0]);
+        let times = filled.iter().map(|(row, _)| *row).zip(numbers).collect();
+        Clock::that_goes_on(at, times, lengths.get(at).copied().unwrap_or(0))
+    }
+
+    /// The clock of these rows and their times, up to so many rows; `None` where times do not rise, or stand here and there alone.
+    fn that_goes_on(at: usize, times: Vec<(usize, f64)>, rows: usize) -> Option<Self> {
+        let rises =
+            times.iter().all(|(_, time)| time.is_finite()) && times.windows(2).all(|pair| pair[1].1 > pair[0].1);
         // A clock of another logger fills the rows from the first one on; a stamp here and there is that of a topic.
-        let goes_on = filled.len() >= LEAST_TIMES && LACKING * (rows - filled.len()) <= rows;
-        (rises && goes_on).then(|| Clock { at, times: filled.iter().map(|(row, _)| *row).zip(numbers).collect(), rows })
+        let goes_on = times.len() >= LEAST_TIMES && LACKING * (rows - times.len()) <= rows;
+        (rises && goes_on).then_some(Clock { at, times, rows })
     }
 
     /// First and last time.
@@ -138,21 +184,21 @@ impl Clock {
         [self.times.first(), self.times.last()].map(|end| end.map_or(0.0, |(_, time)| *time))
     }
 
-    /// Whether it covers the same time as another one, in the same numbers.
+    /// Tells whether it covers the same time as another one, in the same numbers.
     fn spans(&self, other: &Clock) -> bool {
         let ([begin, end], [others_begin, others_end]) = (self.ends(), other.ends());
         let near = SAME_SPAN * (others_end - others_begin);
         (begin - others_begin).abs() <= near && (end - others_end).abs() <= near
     }
 
-    /// Whether it lasts as long as another one, in seconds or thousandths and the like of them: what a count of rows lasts is chance.
+    /// Tells whether it lasts as long as another one, in seconds or thousandths and the like of them: what a count of rows lasts is chance.
     fn lasts_as_long_as(&self, other: &Clock) -> bool {
         let ([begin, end], [others_begin, others_end]) = (self.ends(), other.ends());
         let other_s = others_end - others_begin;
         THOUSANDS.iter().any(|unit| ((end - begin) / unit - other_s).abs() <= SAME_SPAN * other_s)
     }
 
-    /// Whether it tells the time of another one from row to row, in any unit.
+    /// Tells whether it tells the time of another one from row to row, in any unit.
     fn goes_on_with(&self, other: &Clock) -> bool {
         let mut others = other.times.iter().peekable();
         let both: Vec<[f64; 2]> = self

@@ -1,7 +1,7 @@
 //! Heads that stand again among the data, as programs write them that append each session to one file.
 //!
-//! The same head is passed over. One with other names, another order of them or another unit begins a table of another kind: its numbers
-//! under the names of the first would be those of other columns, so that it is refused.
+//! A head like the first is passed over. One with other names, another order of them or another unit begins a table of another kind: its
+//! numbers under the names of the first would be those of other columns, so that it is refused.
 
 use std::borrow::Cow;
 
@@ -29,7 +29,7 @@ pub(crate) struct SecondHeader<'h, 'a> {
     /// Rows before the data.
     above: &'h [Row<'a>],
     decimal: Decimal,
-    /// Whether the row before was the head's names.
+    /// True where the row before was the head's names.
     behind_names: bool,
 }
 
@@ -89,7 +89,7 @@ pub(crate) fn check_comments(
     Ok(())
 }
 
-/// Whether cells name the columns that others name: half of them and more, in whatever order and unit.
+/// Tells whether cells name the columns that others name: half of them and more, in whatever order and unit.
 fn names_columns(row: &[Cow<'_, str>], names: &[String]) -> bool {
     fn name(title: &str) -> &str {
         Unit::in_name(title).map_or(title, |(name, _)| name)

@@ -1,4 +1,4 @@
-//! What a serial monitor shows, saved as text: a time of day in front of every line, or names in front of every number.
+//! Output of a serial monitor, saved as text: a time of day in front of every line, or names in front of every number.
 //!
 //! ```text
 //! 12:34:56.789 -> 0.85,0.77,92.1          the time becomes the first cell
@@ -9,7 +9,7 @@ use std::borrow::Cow;
 
 use crate::recording::times::timestamps::is_clock_alone;
 
-/// What stands between the time of a line and the line.
+/// Mark between the time of a line and the line.
 const ARROW: &str = " -> ";
 /// Lines at the beginning that tell; all of them must be such.
 const TELLING_LINES: usize = 20;

@@ -24,13 +24,13 @@ pub(crate) enum Cells<'a> {
 /// One column.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SheetColumn<'a> {
-    /// Its name, without a unit in brackets.
+    /// Name, without a unit in brackets.
     pub(crate) name: String,
-    /// Its name as it stands in the file.
+    /// Name as it stands in the file.
     pub(crate) title: String,
-    /// Its unit as the file writes it.
+    /// Unit as the file writes it.
     pub(crate) unit: Option<String>,
-    /// Its cells.
+    /// Cells by row.
     pub(crate) cells: Cells<'a>,
 }
 
@@ -47,9 +47,9 @@ pub(crate) struct Sheet<'a> {
     pub(crate) lines: Vec<u64>,
     /// Mark in the file's numbers.
     pub(crate) decimal: Decimal,
-    /// What was found out about the file that is not plain CSV, in words.
+    /// Traits of the file that are not those of plain CSV, in words.
     pub(crate) manner: Vec<String>,
-    /// What a person should know besides, a line each.
+    /// Lines that a person should read besides.
     pub(crate) notes: Vec<String>,
 }
 
@@ -160,17 +160,17 @@ impl<'a> Sheet<'a> {
         crate::recording::csv::listed(self.columns.iter().map(|column| column.title.as_str()))
     }
 
-    /// Whether the first cells of a column are dates or times of day.
+    /// Tells whether the first cells of a column are dates or times of day.
     pub(crate) fn is_timestamped(&self, column: usize) -> bool {
         self.first_text(column).is_some_and(timestamps::is_timestamp)
     }
 
-    /// Whether the first cells of a column are dates without a time of day.
+    /// Tells whether the first cells of a column are dates without a time of day.
     pub(crate) fn is_date_alone(&self, column: usize) -> bool {
         self.first_text(column).is_some_and(timestamps::is_date_alone)
     }
 
-    /// Whether the first cells of a column are times of day without a date.
+    /// Tells whether the first cells of a column are times of day without a date.
     pub(crate) fn is_clock_alone(&self, column: usize) -> bool {
         self.first_text(column).is_some_and(timestamps::is_clock_alone)
     }
@@ -315,7 +315,7 @@ impl<'a> Sheet<'a> {
     }
 }
 
-/// Whether a cell holds a number, with a unit or without, or a time, as cells of data do.
+/// Tells whether a cell holds a number, with a unit or without, or a time, as cells of data do.
 pub(crate) fn is_data(text: &str, decimal: Decimal) -> bool {
     parse(text, decimal).is_some() || timestamps::is_timestamp(text) || quantity(text, decimal).is_some()
 }

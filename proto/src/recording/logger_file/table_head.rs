@@ -184,13 +184,13 @@ fn above(rows: &[Row<'_>], first: usize, manner: &Manner) -> Option<usize> {
     between.skip(1).take_while(alike).find(|at| are_names(cells(*at))).or(Some(directly))
 }
 
-/// Whether cells can name columns: no name twice.
+/// Tells whether cells can name columns: no name twice.
 fn are_names(row: &[Cow<'_, str>]) -> bool {
     let mut seen = std::collections::HashSet::new();
     row.iter().filter(|cell| !cell.is_empty()).all(|cell| seen.insert(cell.as_ref()))
 }
 
-/// Whether a row holds units: at least one, and nothing else but empty cells and dashes.
+/// Tells whether a row holds units: at least one, and nothing else but empty cells and dashes.
 pub(crate) fn is_units(row: &[Cow<'_, str>]) -> bool {
     let units = row.iter().filter(|cell| !cell.is_empty());
     let mut any = false;

@@ -12,7 +12,7 @@ pub const REFERENCE: &str = "reference.csv";
 pub const EXPERIMENT: &str = "experiment.csv";
 /// The policy at the start, and each that was tried while the run went on, once.
 pub const POLICY: &str = "policy.onnx";
-/// What the tick was given by other threads while the run went on, each in its turn ([`crate::recording::TickOrder`]).
+/// Inputs that the tick was given by other threads while the run went on, each in its turn ([`crate::recording::TickOrder`]).
 pub const ORDER: &str = "order.json";
 /// The rig behind the emulated cRIO.
 pub const PLANT: &str = "emulated_rig.toml";

@@ -14,11 +14,11 @@ pub(crate) struct Unknown(pub(crate) String);
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Decompressed {
     pub(crate) bytes: Vec<u8>,
-    /// Whether the end was reached.
+    /// End of the decompression.
     pub(crate) end: End,
 }
 
-/// How decompression ended.
+/// End of a decompression.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum End {
     Reached,

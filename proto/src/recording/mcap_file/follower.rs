@@ -6,7 +6,7 @@
 //! give: every whole message of the chunk that was cut. The ticks are the same ones in the same order, whenever it is read
 //! and in however many pieces.
 //!
-//! What is damaged in the middle is left out as the reader of whole files leaves it out ([`Way`]): reading goes on with the next
+//! Damage in the middle is left out as the reader of whole files leaves it out ([`Way`]): reading goes on with the next
 //! sound chunk as soon as that is there, or by the index once the file is finished. Until then what cannot be read may be the
 //! end of a file that is being written, and is waited for.
 //!
@@ -26,7 +26,7 @@ use crate::recording::MOST_BYTES;
 /// Bytes that are read at a time: four chunks, so that a file of any size is followed in little memory.
 const PIECE_BYTES: u64 = 4 << 20;
 
-/// How far a file has been followed.
+/// Place up to which a file has been followed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FollowEnd {
     /// There is more to read now.
@@ -164,7 +164,7 @@ impl McapFollower {
         Ok(self.taken())
     }
 
-    /// How far it has been followed.
+    /// Place up to which it has been followed.
     pub fn end(&self) -> FollowEnd {
         self.end
     }
@@ -191,6 +191,12 @@ impl McapFollower {
     /// The files of a name inside, as far as they have been read, in their order.
     pub fn attachments(&self, name: &str) -> impl Iterator<Item = &[u8]> {
         self.gathering.content.attachments.iter().filter(move |file| file.name == name).map(|file| file.data.as_slice())
+    }
+
+    /// The files of a name that the recording began with, in their order: of a later part of a run those that took over in the parts before.
+    pub fn first_attachments(&self, name: &str) -> impl Iterator<Item = &[u8]> {
+        let files = self.gathering.first_attachments().iter();
+        files.filter(move |file| file.name == name).map(|file| file.data.as_slice())
     }
 
     /// Tells whether files of a name may be lost, so that those behind them are left out.

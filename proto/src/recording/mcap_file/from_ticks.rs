@@ -121,7 +121,7 @@ fn from_rest(ticks: Vec<&TickRecord>) -> (usize, Vec<&TickRecord>) {
     (left_out, kept)
 }
 
-/// Whether a file has the frames beside the ticks.
+/// Presence of the frames beside the ticks of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Frames {
     Kept,

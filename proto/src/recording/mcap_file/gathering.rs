@@ -18,7 +18,7 @@ use super::tick::{COMMAND_BYTES, SENSE_BYTES};
 use super::way_through_file::Stretch;
 use super::writer::{Event, EventLevel, topic};
 
-/// How the file ended.
+/// End of the file.
 #[derive(Debug)]
 pub(super) enum FileEnd {
     /// As it should.
@@ -31,7 +31,7 @@ pub(super) enum FileEnd {
     Unreadable(String),
 }
 
-/// What a file has in it, for one that is none of ours.
+/// Content of a file, for one that is none of ours.
 #[derive(Debug, Default)]
 pub(super) struct Holds {
     /// Profile and library of its writer.
@@ -80,6 +80,8 @@ pub(crate) struct Gathering {
     pub(super) last_sequence: Option<u32>,
     /// Ticks that were read, those included that have been taken away.
     ticks_read: usize,
+    /// Attachments before the first chunk.
+    begun_with: Option<usize>,
 }
 
 impl Gathering {
@@ -114,6 +116,7 @@ impl Gathering {
 
     /// Reads a chunk, and keeps in mind what is needed to say what one that is damaged lacks.
     fn chunk(&mut self, body: &[u8], end: End) -> Result<(), ReadMcapError> {
+        self.begun_with.get_or_insert(self.content.attachments.len());
         let (notes, ticks) = (self.content.notes.len(), self.content.ticks.len());
         self.sound_of_chunk(body, end)?;
         let is_damaged = end == End::Reached && self.content.notes.len() > notes;
@@ -256,6 +259,12 @@ impl Gathering {
         }
     }
 
+    /// Attachments that the recording began with: its writer puts them before all chunks.
+    pub(super) fn first_attachments(&self) -> &[Attachment] {
+        let attachments = self.content.attachments.as_slice();
+        self.begun_with.and_then(|count| attachments.get(..count)).unwrap_or(attachments)
+    }
+
     fn message(&mut self, topic: Topic, sequence: u32, data: &[u8]) -> Result<(), DecodeError> {
         match topic {
             Topic::Sense => {
@@ -348,7 +357,7 @@ impl Gathering {
 /// An attachment by its record's body.
 ///
 /// # Errors
-/// What is damaged.
+/// Part that is damaged.
 fn sound_attachment(body: &[u8]) -> Result<Attachment, &'static str> {
     // The library reads the CRC behind the data without looking whether it is there.
     if attachment_lengths(body).is_none_or(|bytes| bytes > body.len()) {

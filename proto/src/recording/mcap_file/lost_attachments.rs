@@ -4,9 +4,9 @@
 #[derive(Debug, Default)]
 pub(super) struct LostAttachments {
     names: Vec<String>,
-    /// Whether one is lost whose name is not known.
+    /// True where one is lost whose name is not known.
     unnamed: bool,
-    /// Whether it was told that those behind it are left out.
+    /// True where it was told that those behind it are left out.
     told: bool,
 }
 

@@ -4,7 +4,7 @@ use super::schema::{self, Log};
 use super::tick::TickRecord;
 use super::writer::{Event, EventLevel};
 
-/// What a channel of a recording carries, for tools that are told before they are sent anything.
+/// Schema of a channel of a recording, for tools that are told before they are sent anything.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MessageSchema {
     /// Topic.
@@ -32,7 +32,7 @@ pub fn encode_tick_message(tick: &TickRecord, out: &mut Vec<u8>) {
 /// Reads a `pneumatic.Tick`.
 ///
 /// # Errors
-/// What is wrong with the bytes.
+/// Problem of the bytes.
 pub fn decode_tick_message(bytes: &[u8]) -> Result<TickRecord, String> {
     schema::decode_tick(bytes).map_err(|error| error.to_string())
 }
@@ -45,7 +45,7 @@ pub fn encode_log_message(unix_ns: u64, level: EventLevel, part: &str, message: 
 /// Reads a `foxglove.Log`.
 ///
 /// # Errors
-/// What is wrong with the bytes.
+/// Problem of the bytes.
 pub fn decode_log_message(bytes: &[u8]) -> Result<Event, String> {
     let Log { unix_ns, level, message, name } = Log::decode(bytes).map_err(|error| error.to_string())?;
     Ok(Event { unix_ns, level: EventLevel::from_code(level), part: name, message })

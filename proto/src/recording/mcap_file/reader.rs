@@ -41,7 +41,7 @@ pub struct McapContent {
     pub is_damaged_within: bool,
     /// True when the file was finished and nothing of it was left out.
     pub complete: bool,
-    /// What could not be read, a line each.
+    /// Remarks on all that could not be read, a line each.
     pub notes: Vec<String>,
     /// Places in `notes` of those on attachments whose names are known: no tick is lost with these.
     pub attachment_notes: Vec<usize>,
@@ -55,7 +55,7 @@ pub enum ReadMcapError {
     Read {
         /// The file.
         file: String,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// Nothing in it.
@@ -75,7 +75,7 @@ pub enum ReadMcapError {
     Foreign {
         /// The file.
         file: String,
-        /// What is missing.
+        /// Thing that is missing.
         problem: ForeignMcap,
     },
     /// A recording of a later version.
@@ -93,7 +93,7 @@ pub enum ReadMcapError {
     NoTicks {
         /// The file.
         file: String,
-        /// What could not be read.
+        /// Remarks on all that could not be read.
         notes: Vec<String>,
     },
 }
@@ -106,7 +106,7 @@ pub enum ForeignMcap {
         "it has no topic /tick of type pneumatic.Tick; {holds}; write its topics as CSV and name the columns in the rig file, [recording]"
     )]
     NoTickTopic {
-        /// What it has instead.
+        /// Content that it has instead.
         holds: String,
     },
     /// Chunks compressed in a way that is not known.

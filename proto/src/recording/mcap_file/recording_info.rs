@@ -1,4 +1,4 @@
-//! What a recording says about itself: who wrote it, when, with what.
+//! Statements of a recording about itself: who wrote it, when, with what.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;
@@ -22,7 +22,7 @@ pub enum LogTime {
 }
 
 impl LogTime {
-    /// What a recording's metadata say, under `log_time`.
+    /// Word in a recording's metadata, under `log_time`.
     pub const fn words(self) -> &'static str {
         match self {
             Self::Arrival => "arrival of the frame",
@@ -31,7 +31,7 @@ impl LogTime {
     }
 }
 
-/// What a recording says about itself.
+/// Statements of a recording about itself.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecordingInfo {
     /// Program and version that writes it, for example `controller 0.1.0`.
@@ -51,7 +51,7 @@ pub struct RecordingInfo {
 }
 
 impl RecordingInfo {
-    /// What a program starts with: now, arrival times, no policy, no seed.
+    /// Statements that a program starts with: now, arrival times, no policy, no seed.
     pub fn new(program: &str, started_ns: u64) -> Self {
         Self {
             program: program.to_owned(),
@@ -86,10 +86,10 @@ impl RecordingInfo {
 /// A file inside the recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Attachment {
-    /// Its name, for example `rig.toml`.
+    /// Name, for example `rig.toml`.
     pub name: String,
-    /// Its media type, for example `application/toml`.
+    /// Media type, for example `application/toml`.
     pub media_type: String,
-    /// Its bytes.
+    /// Bytes.
     pub data: Vec<u8>,
 }

@@ -1,4 +1,4 @@
-//! What one 50 Hz tick of the daemon leaves behind: a plain, fixed-size record.
+//! Record that one 50 Hz tick of the daemon leaves behind: a plain, fixed-size record.
 //!
 //! The real-time thread fills one [`TickRecord`] per tick and pushes it into a lock-free queue; the
 //! recorder thread turns it into MCAP messages. So the record is `Copy`, holds no heap memory, and
@@ -21,7 +21,7 @@ pub const PLANNED_OUTPUTS: usize = POLICY_OUTPUTS - 2;
 /// Numbers that a policy answers: a pair of duties or corrections for now and each of the next five ticks.
 pub const POLICY_OUTPUTS: usize = model::observation::ACTION_LEN;
 
-/// How the SENSE frame of a tick came.
+/// Arrival of the SENSE frame of a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[repr(u8)]
 pub enum Arrival {
@@ -86,7 +86,7 @@ pub struct TickRecord {
     pub tick: u32,
     /// Daemon's monotonic clock when the frame was received, or when the tick gave up waiting (ns).
     pub receive_ns: u64,
-    /// How the SENSE frame came.
+    /// Arrival of the SENSE frame.
     pub arrival: Arrival,
 
     /// True when `sense` holds the bytes of a received frame, sound or damaged.
@@ -130,7 +130,7 @@ pub struct TickRecord {
     pub u_pos: f64,
     /// Duty sent to the negative valve, after all limits, in [0, 1].
     pub u_neg: f64,
-    /// Whether the pump was asked to run.
+    /// True where the pump was asked to run.
     pub pump_on: bool,
 
     /// Mode of the COMMAND: 0 vent, 1 run, 2 hold.
@@ -140,7 +140,7 @@ pub struct TickRecord {
     /// The daemon's fault, 0 for none; the codes are the daemon's own.
     pub fault: u16,
 
-    /// How much later than expected the frame came; negative when early (ns).
+    /// Time by which the frame came later than expected; negative when early (ns).
     pub arrival_lateness_ns: i64,
     /// Time spent receiving and checking the frame (ns).
     pub receive_check_ns: u32,
@@ -159,7 +159,7 @@ pub struct TickRecord {
 
     /// Conditions that the tick found: bit n stands for the one of code n; 0 is none.
     pub findings: u64,
-    /// What reached the tick before it began: codes of four bits, the first in the lowest, 0 after the last
+    /// Inputs that reached the tick before it began: codes of four bits, the first in the lowest, 0 after the last
     /// ([`TickInput`]).
     pub inputs: u32,
     /// Hash of what the policy was shown ([`observation_hash`]); 0 where none was asked.
@@ -182,12 +182,12 @@ pub struct TickRecord {
     pub exploration_pos: f64,
     /// Share of the negative valve's duty that exploration added, before the safety filter (duty).
     pub exploration_neg: f64,
-    /// What exploration added to the plan, in the order of `policy_output` behind its first two (duty); it moves what MPObs
+    /// Addition of exploration to the plan, in the order of `policy_output` behind its first two (duty); it moves what MPObs
     /// foresees, and no valve.
     pub exploration_plan: [f32; PLANNED_OUTPUTS],
 }
 
-/// What can reach the control law beside frames, as [`TickRecord::inputs`] counts it.
+/// Inputs of the control law beside frames, as [`TickRecord::inputs`] counts it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum TickInput {

@@ -32,7 +32,7 @@ pub enum TickOrder {
 }
 
 impl TickOrder {
-    /// Its bytes inside a recording.
+    /// Bytes inside a recording.
     pub fn to_json(&self) -> Vec<u8> {
         // Strings and whole numbers alone: nothing that could not be written.
         serde_json::to_vec(self).unwrap_or_default()

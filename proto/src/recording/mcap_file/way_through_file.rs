@@ -46,7 +46,7 @@ pub(super) enum Growth {
     Goes,
 }
 
-/// How far the way through a file has been gone.
+/// Place on the way through a file.
 #[derive(Debug)]
 pub(super) struct Way {
     /// Place of the next record.
@@ -55,7 +55,7 @@ pub(super) struct Way {
     before: usize,
     /// Place before which no sound chunk begins behind `before`, where one was looked for.
     searched: Option<usize>,
-    /// Whether what stands at `at` can be left behind without a loss, for it is no record and is not about to become one.
+    /// True where what stands at `at` can be left behind without a loss, for it is no record and is not about to become one.
     is_lost: bool,
 }
 

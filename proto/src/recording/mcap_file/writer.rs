@@ -64,7 +64,7 @@ pub(crate) mod topic {
     pub(in super::super) const EVENT: &str = "/event";
 }
 
-/// How much an event matters.
+/// Weight of an event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum EventLevel {
     /// Worth keeping.
@@ -100,11 +100,11 @@ impl EventLevel {
 pub struct Event {
     /// Wall clock (ns since 1970).
     pub unix_ns: u64,
-    /// How much it matters.
+    /// Weight.
     pub level: EventLevel,
     /// Which part speaks, for example `link`.
     pub part: String,
-    /// What happened, one plain sentence.
+    /// One plain sentence on the event.
     pub message: String,
 }
 
@@ -125,7 +125,7 @@ pub enum WriteMcapError {
     Create {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// Writing failed, most often because the disk is full.
@@ -133,7 +133,7 @@ pub enum WriteMcapError {
     Write {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// The MCAP library refused.
@@ -141,7 +141,7 @@ pub enum WriteMcapError {
     Format {
         /// The file.
         path: PathBuf,
-        /// What the library said.
+        /// Error of the library.
         source: McapError,
     },
     /// The finished file cannot get its name.

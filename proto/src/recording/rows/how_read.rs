@@ -1,4 +1,4 @@
-//! How often the sensors of a file were read: in every row, or less often, with each reading standing there until the next one.
+//! Rates at which the sensors of a file were read: in every row, or less often, with each reading standing there until the next one.
 //!
 //! Only the rows in which a sensor was read are evidence on it, whoever wrote the file: a logger that is quicker than its sensors, or the
 //! daemon with a cRIO that holds them.
@@ -9,7 +9,7 @@ use super::repeated::{self, Held, Sensors};
 use super::resample::{Kind, Resampling};
 use crate::recording::csv::Column;
 
-/// How often the sensors of a file were read.
+/// Rates at which the sensors of a file were read.
 #[derive(Debug)]
 pub(crate) enum HowRead {
     /// In every row, or in all those in which any of them was.

@@ -35,7 +35,7 @@ pub(crate) struct OwnRows {
     pub(crate) notes: Vec<String>,
 }
 
-/// How one sensor is read.
+/// The readings of one sensor.
 struct Sensor<'c> {
     column: &'c str,
     read: Vec<bool>,

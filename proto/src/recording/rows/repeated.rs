@@ -21,7 +21,7 @@ const JUMPS: f64 = 0.25;
 /// Distance of a number of rows from a whole one up to which all readings stand there equally often.
 const WHOLE: f64 = 0.03;
 
-/// How samples and sensors' readings go together.
+/// Relation of samples and sensors' readings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Sensors {
     /// A reading in each sample.
@@ -177,7 +177,8 @@ mod tests {
         assert_eq!(fresh(&rows_s, &[&held, &shifted]), None, "two converters out of step");
     }
 
-    /// What repeats for other reasons than a slow sensor is every row's reading: rest, steps of a converter, a ramp through them, a ripple.
+    /// A number that repeats for another reason than a slow sensor is every row's reading: rest, steps of a converter, a ramp through them,
+    /// a ripple.
     #[test]
     fn one_sensor_is_held_or_at_rest() {
         let noise = |k: usize| ((k * 7919 % 1000) as f64 / 1000.0 * 37.0).sin();

@@ -28,7 +28,7 @@ const GAP_STEPS: f64 = 2.5;
 const BRIDGED_S: f64 = 0.1;
 /// Samples further apart than this many rows leave rows between them that nobody measured.
 const SPARSE_ROWS: f64 = 1.5;
-/// The same in s.
+/// That distance in s.
 pub(crate) const SPARSE_S: f64 = SPARSE_ROWS * PERIOD_S;
 /// A row between two neighbouring samples closer than this many rows was measured.
 const NEIGHBOURS_ROWS: f64 = 1.75;
@@ -43,7 +43,7 @@ const AS_THEY_ARE_RATE: f64 = 5e-3;
 /// Share of a row's reading that may be a line in place of missing samples.
 const MISSING: f64 = 0.25;
 
-/// What a column is, which says how its rows are made.
+/// Kind of a column, which says how its rows are made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
     /// A command between 0 and 1.
@@ -70,7 +70,7 @@ pub(crate) struct Resampling<'t> {
     is_sample: Option<Vec<Option<usize>>>,
     /// Times at which commands were written, where these are others (s).
     commands_s: Option<&'t [f64]>,
-    /// How samples and readings go together.
+    /// Relation of samples and readings.
     sensors: Sensors,
     /// Holes that were bridged: the time of the row or sample before each (s), and the rows or samples that it lacks.
     pub(crate) holes: Vec<(f64, usize)>,
@@ -140,7 +140,7 @@ impl<'t> Resampling<'t> {
         is_near
     }
 
-    /// Whether samples are rows as they are, but for lost ones.
+    /// Tells whether samples are rows as they are, but for lost ones.
     pub(crate) fn is_as_it_was(&self) -> bool {
         self.is_sample.is_some()
     }
@@ -302,7 +302,7 @@ impl<'t> Resampling<'t> {
         }
     }
 
-    /// What a person should know about the rows, a line each.
+    /// Lines that a person should read about the rows.
     pub(crate) fn notes(&self, file: &str) -> Vec<String> {
         let mut notes = Vec::new();
         if !self.is_as_it_was() {
@@ -338,7 +338,7 @@ impl<'t> Resampling<'t> {
         notes
     }
 
-    /// How many samples were lost and bridged, and where.
+    /// Remark on the samples that were lost and bridged, with their number and places.
     fn bridged(&self, file: &str) -> Option<String> {
         const TOLD: usize = 4;
         let lost: usize = self.holes.iter().map(|(_, lost)| lost).sum();

@@ -108,7 +108,7 @@ pub(crate) fn now_and_then_blank(sheet: &Sheet<'_>, column: usize) -> Vec<bool> 
 /// One row of so many at most has a remark where a number belongs.
 const REMARKED: usize = 100;
 
-/// Whether a cell holds a word, as somebody writes one over a number; digits with a letter among them are a number gone wrong.
+/// Tells whether a cell holds a word, as somebody writes one over a number; digits with a letter among them are a number gone wrong.
 fn is_remark(text: &str) -> bool {
     let letters = text.trim().chars().take_while(|c| c.is_alphabetic()).count();
     letters > 1
@@ -146,12 +146,12 @@ fn count(numbers: &[f64]) -> usize {
     numbers.iter().filter(|x| !x.is_nan()).count()
 }
 
-/// Whether so many rows have no number that the column is a slower one.
+/// Tells whether so many rows have no number that the column is a slower one.
 pub(crate) fn is_slower(numbers: &[f64]) -> bool {
     are_many(numbers.len() - count(numbers), numbers.len())
 }
 
-/// Whether so many blank cells of a column are more than a row now and then.
+/// Tells whether so many blank cells of a column are more than a row now and then.
 fn are_many(blank: usize, cells: usize) -> bool {
     blank as f64 >= SLOWER * cells as f64
 }
@@ -166,7 +166,7 @@ pub(crate) struct Slower {
 }
 
 impl Slower {
-    /// Of sensors' columns; `None` where all have a reading in every row.
+    /// Finds the rows of sensors' columns; `None` where all have a reading in every row.
     ///
     /// # Errors
     /// The place of a column whose readings stand in other rows than those of the rest.

@@ -44,12 +44,12 @@ impl Within {
         0.5 * (self.after + self.until)
     }
 
-    /// The same span for a reading that is later by so many rows.
+    /// This span for a reading that is later by so many rows.
     fn later(self, rows: f64) -> Self {
         Within { after: self.after + rows, until: self.until + rows }
     }
 
-    /// What two spans have in common; `None` for nothing.
+    /// Common part of two spans; `None` for nothing.
     fn and(self, other: Self) -> Option<Self> {
         let both = Within { after: self.after.max(other.after), until: self.until.min(other.until) };
         (both.until - both.after > 1e-6).then_some(both)
@@ -89,7 +89,7 @@ impl Run {
     }
 }
 
-/// How a change goes with the one before.
+/// Relation of a change to the one before.
 #[derive(Debug, Clone, Copy)]
 enum Step {
     /// It is the first one, or too late after the last one to tell.
@@ -108,7 +108,7 @@ impl Step {
     }
 }
 
-/// How well changes go with a distance of readings.
+/// Agreement of changes with a distance of readings.
 #[derive(Debug, Default)]
 struct Rhythm {
     changes: usize,
@@ -120,7 +120,7 @@ struct Rhythm {
 }
 
 impl Rhythm {
-    /// Of the first changes of all runs, `most` of them.
+    /// Looks at the first changes of all runs, `most` of them.
     fn of(runs: &[Run], rows: f64, most: usize) -> Self {
         let mut of = Rhythm::default();
         for (_, step) in runs.iter().flat_map(|run| run.steps(rows)).take(most) {

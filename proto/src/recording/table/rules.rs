@@ -1,4 +1,4 @@
-//! What a table must hold to be a recording: names, finite numbers, time that goes forward at 50 Hz, known columns in their ranges.
+//! Rules for a table that is a recording: names, finite numbers, time that goes forward at 50 Hz, known columns in their ranges.
 
 use std::ops::Range;
 
@@ -33,7 +33,7 @@ pub(super) fn check(file: &str, table: &Table) -> Result<Vec<Range<usize>>, Reco
     Ok(segments(&table.time_s))
 }
 
-/// What `Table::parse` sees to for files, for tables that did not come from one.
+/// Checks tables that did not come from a file for all that `Table::parse` sees to in files.
 fn check_names_and_numbers(file: &str, table: &Table) -> Result<(), CsvError> {
     let mut seen = std::collections::HashSet::from([csv::TIME_COLUMN]);
     for (index, column) in table.columns.iter().enumerate() {
@@ -103,7 +103,7 @@ fn check_time(file: &str, table: &Table) -> Result<(), RecordingError> {
     })
 }
 
-/// What 20 ms are taken for where times are not in seconds; the mend.
+/// Mend where 20 ms are taken for something else, since times are not in seconds.
 pub(in crate::recording) fn time_hint(median_s: f64) -> Option<&'static str> {
     const OTHERS: [(f64, &str); 6] = [
         (1e3, "be in milliseconds: divide it by 1000"),
@@ -143,7 +143,7 @@ fn check_range(file: &str, table: &Table, name: &str, low: f64, high: f64) -> Re
     Ok(())
 }
 
-/// What a number is that no gauge pressure in kPa can be: a vacuum of some tens of kPa, in units that are smaller.
+/// Likely kind of a number that no gauge pressure in kPa can be: a vacuum of some tens of kPa, in units that are smaller.
 pub(in crate::recording) fn below_vacuum(number: f64) -> &'static str {
     match number {
         ..-2_000.0 => "; pressures are gauge kPa, and this seems to be Pa",

@@ -13,11 +13,11 @@ const LEAST_ROWS: f64 = 2.5;
 const PAUSED: f64 = 0.6;
 /// Share of the bursts, and of the pauses, that are as usual.
 const ALIKE: f64 = 0.7;
-/// How far a usual burst may be from the median, in rows, and a usual pause, as a share.
+/// Distance that a usual burst may have from the median, in rows, and a usual pause, as a share.
 const ROWS_OFF: usize = 1;
 const PAUSE_OFF: f64 = 0.3;
 
-/// How rows come.
+/// Bursts that rows come in.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Bursts {
     /// Rows of a burst.

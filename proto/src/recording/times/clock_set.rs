@@ -1,7 +1,8 @@
 //! A clock that was set while it was read: a logger without a battery begins in 1970 and learns the time from the network.
 //!
-//! Its times leave one hole that is longer than all the rest. A long break between two runs looks the same, so it is only remarked. Where
-//! the rig file says the distance of rows, the hole becomes a short break; the rows before and behind it are two runs either way.
+//! The times of such a file leave one hole that is longer than all the rest. A long break between two runs looks the same, so it is only
+//! remarked. Where the rig file says the distance of rows, the hole becomes a short break; the rows before and behind it are two runs
+//! either way.
 
 /// Shorter holes are breaks (s): who learns the time is off by more.
 const LEAST_S: f64 = 3600.0;

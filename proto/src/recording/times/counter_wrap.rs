@@ -26,7 +26,7 @@ pub(crate) fn unwrapped(numbers: &mut [f64]) -> Option<(u32, usize)> {
     Some((bits, times))
 }
 
-/// Whether numbers go back somewhere, and each time from the end of such a counter to its beginning.
+/// Tells whether numbers go back somewhere, and each time from the end of such a counter to its beginning.
 fn wraps(numbers: &[f64], whole: f64, step: f64) -> bool {
     let mut back = numbers.windows(2).filter(|pair| pair[1] < pair[0]).peekable();
     let over_the_end = |pair: &[f64]| pair[1] + whole - pair[0] <= NEAR_STEPS * step;

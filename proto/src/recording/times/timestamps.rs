@@ -16,7 +16,7 @@ const DAY_S: f64 = 86_400.0;
 const STILL_DATE_S: f64 = 60.0;
 /// Seconds that clocks are set by for summer time.
 const SUMMER_TIME_S: f64 = 3600.0;
-/// The same on Lord Howe Island. A logger may well pause for half an hour, so this one counts only where the rows go on at their
+/// Change on Lord Howe Island (s). A logger may well pause for half an hour, so this one counts only where the rows go on at their
 /// own pace without it.
 const HALF_SUMMER_TIME_S: f64 = 1800.0;
 
@@ -52,20 +52,20 @@ const ZONES: [(&str, f64); 20] = [
     ("NZDT", 13.0),
 ];
 
-/// Whether a text is a date, a time of day, or both.
+/// Tells whether a text is a date, a time of day, or both.
 pub(crate) fn is_timestamp(text: &str) -> bool {
     let spread = spread(text);
     let text = spread.as_deref().unwrap_or(text);
     seconds(text, DateOrder::DayMonthYear).or_else(|| seconds(text, DateOrder::MonthDayYear)).is_some()
 }
 
-/// Whether a text is a date without a time of day.
+/// Tells whether a text is a date without a time of day.
 pub(crate) fn is_date_alone(text: &str) -> bool {
     let spread = spread(text);
     is_timestamp(text) && parts(spread.as_deref().unwrap_or(text)).clock.is_none()
 }
 
-/// Whether a text is a time of day without a date.
+/// Tells whether a text is a time of day without a date.
 pub(crate) fn is_clock_alone(text: &str) -> bool {
     let spread = spread(text);
     is_timestamp(text) && parts(spread.as_deref().unwrap_or(text)).date.is_none()
@@ -162,7 +162,7 @@ fn unwrap(times: &mut [f64], written: Written, hours: WholeHours) {
     }
 }
 
-/// Whether a step is one of rows that come at least every `longest_s`, or so.
+/// Tells whether a step is one of rows that come at least every `longest_s`, or so.
 fn goes_on(step_s: f64, longest_s: f64) -> bool {
     step_s > 0.0 && step_s < 1.5 * longest_s
 }
@@ -234,7 +234,7 @@ fn zone_s(name: &str) -> Option<f64> {
     ZONES.iter().find(|(zone, _)| *zone == name).map(|(_, hours)| 3600.0 * hours)
 }
 
-/// What stands before and behind the `T` between a date and a time.
+/// Texts before and behind the `T` between a date and a time.
 fn halves(text: &str) -> (&str, &str) {
     let digits = |at: usize| {
         let byte = |at: Option<usize>| at.and_then(|at| text.as_bytes().get(at)).is_some_and(u8::is_ascii_digit);

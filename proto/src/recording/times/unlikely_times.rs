@@ -89,24 +89,24 @@ pub(crate) fn plausible(sheet: &Sheet<'_>, places: &[usize], time_s: &[f64], sai
     }
 }
 
-/// Whether times that were taken for seconds may be a count of rows: whole numbers that go on by one, and nothing but the name of their
-/// column says seconds.
+/// Tells whether times that were taken for seconds may be a count of rows: whole numbers that go on by one, and nothing but the name of
+/// their column says seconds.
 pub(crate) fn may_count_rows(sheet: &Sheet<'_>, places: &[usize], time_s: &[f64]) -> bool {
     says_seconds(sheet, places) && go_on_by_one(time_s)
 }
 
-/// Whether the only column of times has seconds in its name, and no unit beside it.
+/// Tells whether the only column of times has seconds in its name, and no unit beside it.
 fn says_seconds(sheet: &Sheet<'_>, places: &[usize]) -> bool {
     let [at] = places else { return false };
     sheet.columns.get(*at).is_some_and(|column| column.unit.is_none() && unit_behind(&column.name) == Some(1.0))
 }
 
-/// Whether all times are whole numbers, most of them one behind another: rows may be lost.
+/// Tells whether all times are whole numbers, most of them one behind another: rows may be lost.
 fn go_on_by_one(time_s: &[f64]) -> bool {
     median_step(time_s) == Some(1.0) && time_s.iter().all(|time| time.fract() == 0.0)
 }
 
-/// Whether rows that were brought to seconds by a unit of so many (s) are closer than loggers write them, in a file that is over at
+/// Tells whether rows that were brought to seconds by a unit of so many (s) are closer than loggers write them, in a file that is over at
 /// once, and as far apart as loggers are set to where the numbers are seconds as they stand.
 fn is_too_quick(time_s: &[f64], step_s: f64, unit_s: f64) -> bool {
     let lasts_s = time_s.first().zip(time_s.last()).map_or(0.0, |(first, last)| last - first);
@@ -142,7 +142,7 @@ const LONG_S: f64 = 7200.0;
 /// Steps that may be milliseconds of a quick logger (s).
 const QUICK_IN_MS: f64 = 1.0;
 
-/// Whether loggers are set to such a distance (s).
+/// Tells whether loggers are set to such a distance (s).
 fn is_usual(step_s: f64) -> bool {
     USUAL_STEPS_S.iter().any(|usual| (step_s / usual - 1.0).abs() <= USUAL_WITHIN)
 }

@@ -15,7 +15,7 @@ use crate::search::candidate::reads_wrong;
 /// Pressure beyond the air that a chamber may have with its vent open, in kPa: at less hardly anything passes.
 const BEYOND_KPA: f64 = 0.05;
 
-/// Which of the programmes (one a recording of the simulator) take a chamber beyond the air with its vent open, by some rival.
+/// Tells which of the programmes (one a recording of the simulator) take a chamber beyond the air with its vent open, by some rival.
 ///
 /// `predicted_kpa` are their free runs; those of rivals whose sensors read wrong are run again without that.
 ///

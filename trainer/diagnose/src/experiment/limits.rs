@@ -1,6 +1,6 @@
 //! Pressures that an experiment must not leave.
 //!
-//! Of the rigs that the daemon drives the envelope is known. Of any other nobody stated what it stands, a pump that follows a command
+//! The envelope of the rigs that the daemon drives is known. Of any other nobody stated what it stands, a pump that follows a command
 //! or a source behind a valve goes wherever it is let, and hardly more is asked than was recorded. Nor is a sensor taken where it reads
 //! no more: what it shows there tells nothing apart, and a sensitive one breaks.
 
@@ -28,7 +28,7 @@ pub(super) fn limits_kpa(bench: &Bench<'_>) -> Vec<[f64; 2]> {
     bench.records.sensors().iter().zip(bench.recorded_kpa()).map(of).collect()
 }
 
-/// What was recorded and a little more at either end.
+/// Range of what was recorded and a little more at either end.
 fn a_little_beyond([low, high]: [f64; 2]) -> [f64; 2] {
     let beyond = BEYOND_RECORDED * (high - low);
     [low - beyond, high + beyond]
@@ -51,7 +51,7 @@ fn of_sensor([low, high]: [f64; 2]) -> [f64; 2] {
     [(low + margin).min(-margin), (high - margin).max(margin)]
 }
 
-/// What lies within both of two ranges.
+/// Range that lies within both of two.
 fn common([low, high]: [f64; 2], [other_low, other_high]: [f64; 2]) -> [f64; 2] {
     [low.max(other_low), high.min(other_high)]
 }

@@ -72,6 +72,30 @@ impl Plan {
     }
 }
 
+/// Rivals in pairs, with all that tells how far apart programmes would put them.
+struct Pairs<'a> {
+    /// Rivals of each pair, by their numbers.
+    members: Vec<(usize, usize)>,
+    /// Sums of each pair, `[programme][pair]`.
+    sums: Vec<Vec<PairSums>>,
+    /// Information on each rival's coordinates before the experiment.
+    known: &'a [DMatrix<f64>],
+}
+
+impl Pairs<'_> {
+    /// Expected difference of log-likelihoods (D/2) of the pair number `at`, given its sums.
+    fn half_divergence(&self, sums: &PairSums, at: usize) -> f64 {
+        let (one, other) = self.members[at];
+        0.5 * sums.divergence(&self.known[one], &self.known[other])
+    }
+
+    /// Expected difference of log-likelihoods (D/2) of the pair number `at` in some programmes.
+    fn apart(&self, chosen: &[usize], at: usize) -> f64 {
+        let of_pair = chosen.iter().filter_map(|p| self.sums.get(*p).and_then(|s| s.get(at)).cloned());
+        of_pair.reduce(|a, b| a.and(&b)).map_or(0.0, |total| self.half_divergence(&total, at))
+    }
+}
+
 /// Fidelity of plans: stroke by stroke, for pumps that stand are what averaged ones are worst at.
 const PLANNING: Fidelity = Fidelity::Coarse;
 
@@ -105,17 +129,18 @@ pub fn plan(bench: &Bench<'_>, rivals: &[&Explanation]) -> Result<Option<Plan>, 
         .collect();
     let safe: Vec<usize> =
         within_limits.iter().copied().filter(|p| may_stand || !programmes[*p].stops_a_pump).collect();
-    let pairs: Vec<(usize, usize)> =
+    let members: Vec<(usize, usize)> =
         (0..rivals.len()).flat_map(|i| (i + 1..rivals.len()).map(move |k| (i, k))).collect();
-    let sums: Vec<Vec<PairSums>> = (0..programmes.len())
+    let sums = (0..programmes.len())
         .map(|p| {
             let foreign_kpa = if programmes[p].stops_a_pump { AT_REST_KPA } else { FOREIGN_KPA };
             let sigma: Vec<f64> = bench.noise.iter().map(|n| n.sigma_kpa.hypot(foreign_kpa)).collect();
             let of: Vec<Predicted> =
                 predicted.iter().map(|(base, columns)| cut(&records, p, base, columns, &sigma)).collect();
-            pairs.iter().map(|(i, k)| PairSums::of(&of[*i], &of[*k])).collect()
+            members.iter().map(|(i, k)| PairSums::of(&of[*i], &of[*k])).collect()
         })
         .collect();
+    let pairs = Pairs { members, sums, known: &known };
     // Leaks pass for each other, and for other parameters, where a valve is open, and not all that do are among the rivals.
     let leaky = leaky || rivals.iter().any(|rival| rival.terms.is_empty());
     let is_shut_in = |p: &&usize| programmes.get(**p).is_some_and(|programme| programme.name == SHUT_IN);
@@ -124,26 +149,24 @@ pub fn plan(bench: &Bench<'_>, rivals: &[&Explanation]) -> Result<Option<Plan>, 
     let traces: Vec<&[f64]> = predicted.iter().map(|(base, _)| base.as_slice()).collect();
     let backwards = backwards(&simulator, rivals, &traces)?;
     let forwards: Vec<usize> = safe.iter().copied().filter(|p| backwards.get(*p) != Some(&true)).collect();
-    let from = |among: &[usize]| choose(&programmes, among, &sums, &pairs, &known, shut_in, LONGEST_S - kept_s);
+    let from = |among: &[usize]| choose(&programmes, among, &pairs, shut_in, LONGEST_S - kept_s);
     let mut chosen = from(&forwards);
-    let decided = |at: usize| apart(&chosen, &sums, at, pairs[at], &known) >= DECIDES;
-    if forwards.len() < safe.len() && !(0..pairs.len()).all(decided) {
+    let decided = |at: usize| pairs.apart(&chosen, at) >= DECIDES;
+    if forwards.len() < safe.len() && !(0..pairs.members.len()).all(decided) {
         chosen = from(&safe);
     }
     if chosen.is_empty() {
         return Ok(None);
     }
     chosen.extend(shut_in.filter(|p| !chosen.contains(p)));
-    finish(bench, rivals, &programmes, &chosen, &sums, &pairs, &known).map(Some)
+    finish(bench, rivals, &programmes, &chosen, &pairs, &limits_kpa).map(Some)
 }
 
 /// Adds programmes while the least separated pair gains from it and time is left; `kept` has time of its own.
 fn choose(
     programmes: &[Programme],
     safe: &[usize],
-    sums: &[Vec<PairSums>],
-    pairs: &[(usize, usize)],
-    known: &[DMatrix<f64>],
+    pairs: &Pairs<'_>,
     kept: Option<usize>,
     longest_s: f64,
 ) -> Vec<usize> {
@@ -158,17 +181,13 @@ fn choose(
             if kept != Some(*p) && seconds + length > longest_s {
                 continue;
             }
-            let Some(own) = sums.get(*p) else { continue };
+            let Some(own) = pairs.sums.get(*p) else { continue };
             let with: Vec<PairSums> = match &total {
                 Some(total) => total.iter().zip(own).map(|(a, b)| a.and(b)).collect(),
                 None => own.clone(),
             };
             // Pairs that are told apart already count no further.
-            let value: f64 = with
-                .iter()
-                .zip(pairs)
-                .map(|(s, (i, k))| (0.5 * s.divergence(&known[*i], &known[*k])).min(ENOUGH))
-                .sum();
+            let value: f64 = with.iter().enumerate().map(|(at, s)| pairs.half_divergence(s, at).min(ENOUGH)).sum();
             let rate = (value - reached) / length.max(1.0);
             if best.as_ref().is_none_or(|(r, ..)| rate > *r) {
                 best = Some((rate, *p, with, value));
@@ -182,38 +201,23 @@ fn choose(
         chosen.push(p);
         total = Some(with);
         reached = value;
-        if reached >= ENOUGH * pairs.len() as f64 - 1e-6 {
+        if reached >= ENOUGH * pairs.members.len() as f64 - 1e-6 {
             break;
         }
     }
     chosen
 }
 
-/// Expected difference of log-likelihoods (D/2) of the pair number `at`, two rivals, in some programmes.
-fn apart(
-    chosen: &[usize],
-    sums: &[Vec<PairSums>],
-    at: usize,
-    (one, other): (usize, usize),
-    known: &[DMatrix<f64>],
-) -> f64 {
-    let of_pair = chosen.iter().filter_map(|p| sums.get(*p).and_then(|s| s.get(at)).cloned());
-    let total = of_pair.reduce(|a, b| a.and(&b));
-    total.map_or(0.0, |t| 0.5 * t.divergence(&known[one], &known[other]))
-}
-
-/// Joins the chosen programmes and simulates the whole.
+/// Joins the chosen programmes and simulates the whole, which must stay within the limits as each of them does.
 fn finish(
     bench: &Bench<'_>,
     rivals: &[&Explanation],
     programmes: &[Programme],
     chosen: &[usize],
-    sums: &[Vec<PairSums>],
-    pairs: &[(usize, usize)],
-    known: &[DMatrix<f64>],
+    pairs: &Pairs<'_>,
+    limits_kpa: &[[f64; 2]],
 ) -> Result<Plan, DiagnoseError> {
     let inputs = bench.records.inputs();
-    let limits_kpa = limits_kpa(bench);
     let mut chosen = chosen.to_vec();
     loop {
         let picked: Vec<&Programme> = chosen.iter().filter_map(|p| programmes.get(*p)).collect();
@@ -230,10 +234,10 @@ fn finish(
             .iter()
             .map(|rival| simulator.one(&rival.fitted.rig, &Arcs::free(&records)))
             .collect::<Result<Vec<_>, _>>()?;
-        let safe = predicted_kpa.iter().all(|trace| within(&records, 0, trace, &limits_kpa));
+        let safe = predicted_kpa.iter().all(|trace| within(&records, 0, trace, limits_kpa));
         if safe || chosen.len() == 1 {
-            let told = |(at, (i, k)): (usize, &(usize, usize))| (*i, *k, apart(&chosen, sums, at, (*i, *k), known));
-            let separation = pairs.iter().enumerate().map(told).collect();
+            let told = |(at, (i, k)): (usize, &(usize, usize))| (*i, *k, pairs.apart(&chosen, at));
+            let separation = pairs.members.iter().enumerate().map(told).collect();
             return Ok(Plan {
                 programmes: picked.iter().map(|p| p.name.clone()).collect(),
                 columns: inputs.iter().map(|input| input.column.clone()).collect(),
@@ -369,12 +373,13 @@ mod tests {
         // Each programme tells a pair of its own, which none has left undecided before.
         let nothing = Predicted { readings: vec![0.0], jacobian: vec![] };
         let told = |by: f64| PairSums::of(&Predicted { readings: vec![by], jacobian: vec![] }, &nothing);
-        let pairs: Vec<(usize, usize)> = (1..7).map(|p| (0, p)).collect();
-        let sums = |p: usize| pairs.iter().map(|(_, k)| told(if *k == p { 40.0 } else { 0.0 })).collect();
-        let sums: Vec<Vec<PairSums>> = (0..7).map(sums).collect();
+        let members: Vec<(usize, usize)> = (1..7).map(|p| (0, p)).collect();
+        let sums = |p: usize| members.iter().map(|(_, k)| told(if *k == p { 40.0 } else { 0.0 })).collect();
+        let sums = (0..7).map(sums).collect();
         let (safe, known): (Vec<usize>, Vec<_>) = ((0..7).collect(), vec![DMatrix::zeros(0, 0); 7]);
+        let pairs = Pairs { members, sums, known: &known };
         let seconds = |kept: Option<usize>, longest_s: f64| {
-            let chosen = choose(&programmes, &safe, &sums, &pairs, &known, kept, longest_s);
+            let chosen = choose(&programmes, &safe, &pairs, kept, longest_s);
             let all: std::collections::BTreeSet<usize> = chosen.into_iter().chain(kept).collect();
             all.into_iter().map(|p| programmes[p].seconds()).sum::<f64>()
         };

@@ -136,6 +136,12 @@ impl Candidate {
         self.id == DRIFT || self.offered.parameters.iter().any(|p| p.slow)
     }
 
+    /// Sum of the times among these values, in ms: all its time constants and delays.
+    pub(crate) fn times_ms(&self, values: &[f64]) -> f64 {
+        let times = self.offered.parameters.iter().zip(values).filter(|(p, _)| p.unit == "ms");
+        times.map(|(_, ms)| ms).sum()
+    }
+
     /// Keys of its free parameters, in their order.
     pub fn keys(&self) -> impl Iterator<Item = &'static str> + '_ {
         self.offered.parameters.iter().map(|p| p.key)

@@ -80,20 +80,20 @@ struct Pair {
     shaped: Option<Explanation>,
 }
 
-/// Replaces a mechanism that was found on both sides by another one on both sides, where that lowers the cost.
+/// Replaces a mechanism that was found on both sides, as the terms `one` and `other`, by another one on both sides, where that
+/// lowers the cost.
 ///
 /// Late valves and late sensors are nearly the same to the readings; once one of each pair stands on one side, its like on
 /// the other side fits best, and no exchange of a single term leads over to the other pair.
 pub(super) fn pairs(
     bench: &Bench<'_>,
     candidates: &[Candidate],
-    mut best: Explanation,
+    (mut best, (one, other)): (Explanation, (usize, usize)),
     rounds: &[Round],
     settings: &SearchSettings,
     tried: &mut Vec<Explanation>,
     tell: &mut dyn FnMut(&str, f64),
 ) -> Result<Explanation, DiagnoseError> {
-    let Some((one, other)) = twins(candidates, &best.terms) else { return Ok(best) };
     let rest = without(&without(&best.terms, one), other);
     let seen: Vec<usize> = rounds.iter().flat_map(|round| round.ranked.iter().map(|r| r.candidate)).collect();
     let open = |k: usize| is_open(bench, candidates, &rest, k);
@@ -171,10 +171,12 @@ fn in_place_of(
     Some((k, values))
 }
 
-/// Two terms that are one mechanism at different places.
-pub fn twins(candidates: &[Candidate], terms: &[usize]) -> Option<(usize, usize)> {
+/// Pairs of terms that are one mechanism at different places.
+pub fn twins(candidates: &[Candidate], terms: &[usize]) -> Vec<(usize, usize)> {
     let alike = |a: usize, b: usize| candidates[a].id == candidates[b].id && candidates[a].side != candidates[b].side;
-    terms.iter().enumerate().find_map(|(n, a)| terms.iter().skip(n + 1).find(|b| alike(*a, **b)).map(|b| (*a, *b)))
+    let behind = |n: usize| terms.iter().skip(n + 1);
+    let of_it = |(n, a): (usize, &usize)| behind(n).find(|b| alike(*a, **b)).map(|b| (*a, *b));
+    terms.iter().enumerate().filter_map(of_it).collect()
 }
 
 /// Removes terms that the others, in a richer shape where one is offered, have made needless; of those that are there

@@ -54,7 +54,7 @@ pub fn alone(
     rig: &Rig,
     open: &[usize],
 ) -> Result<Vec<Alone>, DiagnoseError> {
-    let arcs = refined_starts(&bench.fast, rig, &Arcs::free(bench.records))?;
+    let arcs = refined_starts(&bench.fast, rig, &Arcs::led(bench.records))?;
     let mut runs = vec![Run::from(rig.clone())];
     let mut tries: Vec<(usize, &Vec<f64>)> = Vec::new();
     for (k, candidate) in open.iter().filter_map(|k| Some((*k, candidates.get(*k)?))) {

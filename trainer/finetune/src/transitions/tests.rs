@@ -1,4 +1,4 @@
-//! Transitions of recordings that are damaged.
+//! Transitions of recordings that are damaged, and of runs of which a part is missing.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -29,7 +29,12 @@ struct Part<'a> {
 }
 
 impl Part<'_> {
-    fn write(&self, folder: &Path) {
+    fn name(&self) -> String {
+        format!("run-20261127-1210{:02}.mcap", self.seconds.start)
+    }
+
+    /// Writes it as the part behind one of this name, or with no part before it.
+    fn write(&self, folder: &Path, previous: Option<&str>) {
         let file = |name: &str, text: String| Attachment {
             name: name.to_owned(),
             media_type: "text/plain".to_owned(),
@@ -41,9 +46,10 @@ impl Part<'_> {
         files.push(reference(0));
         let carried = self.exchanging.iter().filter(|second| self.part > 1 && **second < self.seconds.start);
         files.extend(carried.map(|second| reference(*second)));
-        let path = folder.join(format!("run-20261127-1210{:02}.mcap", self.seconds.start));
+        let path = folder.join(self.name());
         let mut info = RecordingInfo::new("test", 0);
         info.extra.insert("part".to_owned(), self.part.to_string());
+        info.extra.extend(previous.map(|name| ("previous_file".to_owned(), name.to_owned())));
         let mut writer = RecordingWriter::create(&path, &info, &files).unwrap();
         let partial = unfinished_path(&path);
         let length = || std::fs::metadata(&partial).unwrap().len() as usize;
@@ -90,13 +96,15 @@ impl Drop for Folder {
     }
 }
 
-/// Whether the loop is still known behind these parts, and the ticks that were looked at: all at once, or as they come.
+/// Tells whether the loop is still known behind these parts, and the ticks that were looked at: all at once, or as they come.
 fn behind(name: &str, parts: &[Part<'_>]) -> (bool, u64) {
     let (growing, whole) = (Folder::new(&format!("{name}-growing")), Folder::new(&format!("{name}-whole")));
     let mut followed = Transitions::new(&growing.0, &TrainingSettings::default());
+    let mut previous: Option<String> = None;
     for part in parts {
-        part.write(&growing.0);
-        part.write(&whole.0);
+        let name = previous.replace(part.name()).filter(|_| part.part > 1);
+        part.write(&growing.0, name.as_deref());
+        part.write(&whole.0, name.as_deref());
         assert!(followed.next_transition().unwrap().is_none(), "nothing was controlled");
     }
     let mut read = Transitions::new(&whole.0, &TrainingSettings::default());
@@ -164,4 +172,81 @@ fn a_loss_counts_from_its_place_on() {
         is_finished: true,
     };
     assert_eq!(behind("first", &[run]), (false, 100));
+}
+
+/// The rig under another name, by which it is known again.
+fn model(name: &str) -> Attachment {
+    let rig = Rig { name: name.to_owned(), ..Rig::builtin("dual_pressure").unwrap() };
+    let data = rig.to_toml().unwrap().into_bytes();
+    Attachment { name: attached::MODEL.to_owned(), media_type: "text/plain".to_owned(), data }
+}
+
+/// A part of 150 ticks with these states of the daemon, 50 each, in which a third model takes over in tick 120 of the part.
+fn later_part(folder: &Path, number: u32, previous: &str, states: [u8; 3]) {
+    let reference = Attachment {
+        name: attached::REFERENCE.to_owned(),
+        media_type: "text/plain".to_owned(),
+        data: Reference::constant(80.0, -60.0).to_csv().into_bytes(),
+    };
+    let mut info = RecordingInfo::new("test", 0);
+    info.extra.insert("part".to_owned(), number.to_string());
+    info.extra.insert("previous_file".to_owned(), previous.to_owned());
+    let path = folder.join("run-20261127-121500.mcap");
+    let files = [model("first"), reference, model("second")];
+    let mut writer = RecordingWriter::create(&path, &info, &files).unwrap();
+    for k in 0..150_u32 {
+        let state = states[k as usize / 50];
+        let mut record = TickRecord { session: 7, tick: 1000 + k, state, ..TickRecord::default() };
+        if k == 100 {
+            writer.attach(&model("third")).unwrap();
+        }
+        if k == 120 {
+            TickInput::Model.append(&mut record.inputs);
+        }
+        writer.write(&record).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+/// Reads all; the model in force, the ticks that no model explains, and what was said.
+fn read_through(folder: &Path) -> (Option<String>, u64, Vec<String>) {
+    let mut read = Transitions::new(folder, &TrainingSettings::default());
+    while read.next_transition().unwrap().is_some() {}
+    let unexplained = read.tally().left_out.get(LeftOut::LawDiffers.words()).copied().unwrap_or(0);
+    (read.model().map(|rig| rig.name.clone()), unexplained, read.take_notes())
+}
+
+/// A second part whose first was removed begins with what had taken over in that one, and says that it is missing. Nobody knows where
+/// reference and law stood until nothing controls.
+#[test]
+fn a_run_is_taken_up_in_a_later_part_and_the_missing_one_is_named() {
+    const RUN: u8 = 1;
+    let folder = Folder::new("orphan");
+    later_part(&folder.0, 2, "run-20261127-121000.mcap", [RUN, 0, RUN]);
+    let (model, unexplained, notes) = read_through(&folder.0);
+    assert_eq!((model.as_deref(), unexplained), (Some("third"), 50), "{notes:?}");
+    let said = "run-20261127-121500.mcap: part 2 of a run, and the part before it, run-20261127-121000.mcap, is not in the folder";
+    assert!(notes.len() == 1 && notes[0].starts_with(said) && !notes[0].contains('\n'), "{notes:?}");
+    // Where nothing stands by nothing is known.
+    let folder = Folder::new("orphan-busy");
+    later_part(&folder.0, 2, "run-20261127-121000.mcap", [RUN; 3]);
+    assert_eq!(read_through(&folder.0).1, 150);
+}
+
+/// In a run whose middle part is missing the last one is no part that goes on, and what took over in the middle counts.
+#[test]
+fn a_part_behind_a_missing_one_is_taken_up_anew() {
+    let folder = Folder::new("gap");
+    let first = Part { part: 1, seconds: 0..2, exchanging: &[], damaged: &[], connected_anew: None, is_finished: true };
+    first.write(&folder.0, None);
+    later_part(&folder.0, 3, "run-20261127-121200.mcap", [0; 3]);
+    let (model, unexplained, notes) = read_through(&folder.0);
+    assert_eq!((model.as_deref(), unexplained), (Some("third"), 0));
+    assert!(notes.len() == 1 && notes[0].contains("the part before it, run-20261127-121200.mcap, is not"), "{notes:?}");
+    // The same part behind the one that it names goes on with that one's loop, in which no second model has taken over.
+    let folder = Folder::new("whole");
+    first.write(&folder.0, None);
+    later_part(&folder.0, 2, &first.name(), [0; 3]);
+    let (model, _, notes) = read_through(&folder.0);
+    assert_eq!((model.as_deref(), notes.as_slice()), (Some("second"), [].as_slice()));
 }

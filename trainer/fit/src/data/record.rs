@@ -11,6 +11,11 @@ use super::Layout;
 use super::bridged::lines_over;
 use crate::FitError;
 
+/// Rows in which a valve may move as of commands that were given before: 0.5 s, a delay of 100 ms and a lag of 130 ms three times over.
+const LEAD_ROWS: usize = 25;
+/// Ratio of a segment to its lead, at least.
+const SHARE_OF_A_LEAD: usize = 4;
+
 /// One recording: commands and readings, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Record {
@@ -106,6 +111,23 @@ impl Record {
     /// Number of rows that lead to `row` without a gap.
     fn leading(&self, row: usize) -> usize {
         self.segments.iter().find(|s| s.start <= row && row < s.end).map_or(0, |segment| row - segment.start)
+    }
+
+    /// Number of rows that lead into a segment which begins at `row`: a valve that is late moves in them as of commands before them, which
+    /// no simulation knows. None where those were known to be the same, or where no segment begins.
+    pub fn lead_rows(&self, row: usize) -> usize {
+        let held = row == 0 && self.before.leading() >= LEAD_ROWS && self.is_held_before();
+        let segment = self.segments.iter().find(|segment| segment.start == row && !held);
+        segment.map_or(0, |segment| LEAD_ROWS.min(segment.len() / SHARE_OF_A_LEAD))
+    }
+
+    /// Tells whether as many rows as a lead has were commanded before the first row as it is itself.
+    fn is_held_before(&self) -> bool {
+        let rows = self.before.rows().saturating_sub(LEAD_ROWS)..self.before.rows();
+        let held = |(input, numbers): (usize, &Vec<f64>)| {
+            rows.clone().all(|row| self.before.command(input, row).as_ref() == numbers.first())
+        };
+        self.inputs.iter().enumerate().all(held)
     }
 
     /// The unit, other than the rig's, that the file or its map says of a column.

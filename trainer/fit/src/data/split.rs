@@ -39,7 +39,7 @@ pub struct Stretch {
     pub role: Role,
 }
 
-/// Every row of every recording with its role.
+/// Rows of recordings with their roles. [`Split::of`] gives none to leads ([`super::Record::lead_rows`]).
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Split {
     stretches: Vec<Stretch>,
@@ -51,8 +51,16 @@ const SHORTEST_ROWS: usize = 500;
 const WHOLE_FROM: usize = 5;
 
 impl Split {
-    /// Splits recordings into 60 : 20 : 20.
+    /// Splits recordings, without their leads, into 60 : 20 : 20.
     pub fn of(records: &Records) -> Self {
+        let mut split = Self::of_every_row(records);
+        for stretch in &mut split.stretches {
+            stretch.rows.start += records.records().get(stretch.record).map_or(0, |r| r.lead_rows(stretch.rows.start));
+        }
+        split
+    }
+
+    fn of_every_row(records: &Records) -> Self {
         let all = records.records();
         let in_pieces: Vec<bool> =
             all.iter().map(|one| all.iter().filter(|other| other.source == one.source).count() > 1).collect();
@@ -82,7 +90,7 @@ impl Split {
         split
     }
 
-    /// Everything in one role.
+    /// Everything in one role, leads included.
     pub fn all(records: &Records, role: Role) -> Self {
         let stretches = records
             .records()

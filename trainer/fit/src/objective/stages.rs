@@ -397,7 +397,7 @@ fn ends(records: &Records, weights: &[f64]) -> Vec<usize> {
 
 fn arcs_for(simulator: Simulator<'_>, rig: &Rig, shooting: Shooting, ends: &[usize]) -> Result<Arcs, FitError> {
     let records = simulator.records();
-    let free = refined_starts(&simulator, rig, &Arcs::free(records).until(ends))?;
+    let free = refined_starts(&simulator, rig, &Arcs::led(records).until(ends))?;
     match shooting {
         Shooting::Free => Ok(free),
         Shooting::Windows { seconds } => {

@@ -58,6 +58,24 @@ impl Arcs {
         Arcs { arcs }
     }
 
+    /// Free runs behind leads ([`crate::data::Record::lead_rows`]): after its lead a segment's pressures start anew, and a late valve is
+    /// where its commands have put it.
+    pub fn led(records: &Records) -> Self {
+        let mut arcs = Vec::new();
+        for arc in Self::free(records).arcs {
+            let lead = records.records().get(arc.record).map_or(0, |record| record.lead_rows(arc.rows.start));
+            let behind = arc.rows.start + lead;
+            if lead > 0 {
+                let start_kpa = at(records, arc.record, behind);
+                let rest = Arc { rows: behind..arc.rows.end, start_kpa, fresh: false, ..arc.clone() };
+                arcs.extend([Arc { rows: arc.rows.start..behind, ..arc }, rest]);
+            } else {
+                arcs.push(arc);
+            }
+        }
+        Arcs { arcs }
+    }
+
     /// Windows of `rows` rows, each from `smoothed_kpa` (a vector of the recordings' layout) at its first row.
     ///
     /// A remainder shorter than half a window joins the one before.
@@ -121,6 +139,13 @@ impl Arcs {
     /// The arcs, to move their starts.
     pub fn arcs_mut(&mut self) -> &mut [Arc] {
         &mut self.arcs
+    }
+
+    /// Rows from the start of an arc to where everything starts anew; none of an arc that does not start so itself.
+    pub(crate) fn chained(&self, number: usize) -> Range<usize> {
+        let Some(first) = self.arcs.get(number).filter(|arc| arc.fresh) else { return 0..0 };
+        let behind = self.arcs.iter().skip(number + 1).take_while(|arc| arc.record == first.record && !arc.fresh);
+        first.rows.start..behind.last().unwrap_or(first).rows.end
     }
 
     /// The arcs of one recording.

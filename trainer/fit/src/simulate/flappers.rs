@@ -214,12 +214,12 @@ fn put(flappers: &mut Vec<Flapper>, unknown: &str, share: f64) {
     }
 }
 
-/// Sum of absolute errors over an arc, channels together; infinite where the run diverged.
+/// Sum of absolute errors from where an arc starts everything anew, channels together; infinite where the run diverged.
 fn error(simulator: &Simulator<'_>, arcs: &Arcs, number: usize, trace: &[f64]) -> f64 {
     let (records, layout) = (simulator.records(), simulator.records().layout());
     let Some(arc) = arcs.arcs().get(number) else { return f64::INFINITY };
     let sum: f64 = (0..layout.channels())
-        .flat_map(|channel| layout.stretch(arc.record, channel, arc.rows.clone()))
+        .flat_map(|channel| layout.stretch(arc.record, channel, arcs.chained(number)))
         .map(|i| (trace.get(i).unwrap_or(&f64::NAN) - records.readings_kpa().get(i).unwrap_or(&0.0)).abs())
         .sum();
     if sum.is_finite() { sum } else { f64::INFINITY }

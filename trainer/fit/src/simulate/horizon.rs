@@ -49,7 +49,7 @@ pub fn trace_at(simulator: &Simulator<'_>, rig: &Rig, horizon: Horizon) -> Resul
 /// The rig cannot be simulated.
 pub fn traces_at(simulator: &Simulator<'_>, rig: &Rig, horizons: &[Horizon]) -> Result<Vec<Vec<f64>>, FitError> {
     let records = simulator.records();
-    let arcs = refined_starts(simulator, rig, &Arcs::free(records))?;
+    let arcs = refined_starts(simulator, rig, &Arcs::led(records))?;
     let free = simulator.one(rig, &arcs)?;
     let smoothed = smoothed_kpa(records, &free);
     horizons

@@ -68,7 +68,7 @@ impl Ripple {
             Pump::Flow(_) => None,
         });
         let (Some((pump, piston)), None) = (pistons.next(), pistons.next()) else { return Ok(None) };
-        let arcs = refined_starts(simulator, rig, &Arcs::free(simulator.records()))?;
+        let arcs = refined_starts(simulator, rig, &Arcs::led(simulator.records()))?;
         let runs: Vec<Run> =
             (0..ANGLES).map(|k| Run { crank_rev: k as f64 / ANGLES as f64, ..Run::from(rig.clone()) }).collect();
         let traces =

@@ -3,6 +3,8 @@
 //! A simulation that starts at one noisy reading is off by that reading's error until the chamber forgets it, which
 //! in a free run colours the first seconds and in short windows drowns what they should show.
 
+use std::ops::Range;
+
 use model::rig::Rig;
 use nalgebra::{DMatrix, DVector};
 
@@ -37,7 +39,12 @@ pub fn smoothed_kpa(records: &Records, free_run: &[f64]) -> Vec<f64> {
             of.over_missing(channel, &mut difference);
         }
         let Some(out) = smoothed.get_mut(range) else { continue };
-        for segment in records.records().get(record).map_or(&[][..], |r| &r.segments) {
+        let stretches = records.records().get(record).into_iter().flat_map(|r| {
+            // A free run starts anew behind a lead.
+            let behind = |segment: &Range<usize>| segment.start + r.lead_rows(segment.start);
+            r.segments.iter().flat_map(move |segment| [segment.start..behind(segment), behind(segment)..segment.end])
+        });
+        for segment in stretches {
             for row in segment.clone() {
                 // Symmetric, so that a difference that drifts is not shifted; it narrows towards the ends.
                 let reach = REACH.min(row - segment.start).min(segment.end - 1 - row);
@@ -101,7 +108,9 @@ pub fn with_flappers(simulator: &Simulator<'_>, rig: &Rig, arcs: &Arcs) -> Arcs 
     };
     let found = flappers_of(&simulator, &[Run::from(rig.clone())], arcs, Look::Closely).pop().unwrap_or_default();
     for (arc, flappers) in placed.arcs_mut().iter_mut().zip(found) {
-        arc.flappers.extend(flappers);
+        if arc.fresh {
+            arc.flappers.extend(flappers);
+        }
     }
     placed
 }

@@ -13,12 +13,7 @@ use crate::judge::tell_once;
 use crate::pump::answer::Answer;
 use crate::search::candidate::Candidate;
 use crate::search::quick_search::Footing;
-use crate::search::{PAIR_ROUNDS, starts, values_of};
-
-/// Mechanisms by which a valve is late; their first number says by how much, in ms.
-const LATE_VALVES: [&str; 2] = ["valve_lag", "command_delay"];
-/// The one by which a sensor is.
-const LATE_SENSOR: &str = "sensor_lag";
+use crate::search::{LATE_SENSOR, LATE_VALVES, PAIR_ROUNDS, starts, values_of};
 
 /// Terms of `found` with sensors that lag where valves are late, which begin at as much; `None` where no valve is, or none with a sensor.
 pub(super) fn in_sensors<'a>(bench: &Bench<'_>, found: &Beside<'a>) -> Option<Beside<'a>> {

@@ -35,7 +35,7 @@ impl<'a> Raw<'a> {
             return Ok(known);
         }
         let (bench, fitted) = (self.bench, self.fitted);
-        let arcs = refined_starts(&bench.fast, fitted, &Arcs::free(bench.records))?;
+        let arcs = refined_starts(&bench.fast, fitted, &Arcs::led(bench.records))?;
         // Half a turn of a pair of pistons is all there is to see.
         let runs: Vec<Run> = (0..ANGLES)
             .map(|k| Run { crank_rev: 0.5 * k as f64 / ANGLES as f64, ..Run::from(fitted.clone()) })
