@@ -111,7 +111,11 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
     if judgement.is_of_names() || are_leaks_too_small(&searched, &candidates, &found.best)? {
         if let Some(objection) = objection(&searched, &candidates, &found, [&fitted, &extended])? {
             notes.push(objection.note);
-            formula = objection.formula;
+            // Where something has no name, what has none is asked as well.
+            formula = match objection.formula {
+                None if objection.missing => unknown::formula(&searched, &found.nominal),
+                explains => explains,
+            };
             judgement = if objection.missing {
                 judgement.of_no_name()
             } else {
