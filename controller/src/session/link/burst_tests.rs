@@ -10,9 +10,10 @@ use model::rig::Rig;
 use monitor::Pacing;
 use proto::recording::{TickInput, TickRecord};
 use proto::reference::Reference;
-use proto::wire::{Bye, ByeReason, CrioState, Frame, HELLO_LENGTH, Hello, SENSE_LENGTH, Sense, TICK_NS, TripBits};
+use proto::wire::{Bye, ByeReason, CrioState, Hello, SENSE_LENGTH, Sense, TICK_NS, TripBits};
 use supervisor::{Arming, Condition, State};
 
+use super::tests::greeted;
 use super::{Incoming, Link};
 use crate::config::Safety;
 use crate::cycle::Cycle;
@@ -23,10 +24,7 @@ fn session_with(pacing: Pacing, crio: impl FnOnce(TcpStream, Hello) + Send + 'st
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();
     let crio = std::thread::spawn(move || {
-        let (mut stream, _) = listener.accept().unwrap();
-        let mut bytes = [0; HELLO_LENGTH];
-        stream.read_exact(&mut bytes).unwrap();
-        let Ok(Frame::Hello(hello)) = Frame::decode(&bytes) else { panic!("no HELLO: {bytes:?}") };
+        let (mut stream, hello) = greeted(&listener);
         stream.set_nodelay(true).unwrap();
         stream.write_all(&hello.encode()).unwrap();
         crio(stream, hello);

@@ -1,7 +1,7 @@
 //! Messages to whoever writes a cRIO about the first mistakes, over a real socket.
 
 use std::io::{Read, Write};
-use std::net::TcpListener;
+use std::net::{TcpListener, TcpStream};
 use std::time::Duration;
 
 use monitor::Pacing;
@@ -10,15 +10,21 @@ use socket2::SockRef;
 
 use super::Link;
 
+/// The cRIO's end of the connection that comes next, and the daemon's HELLO.
+pub(super) fn greeted(listener: &TcpListener) -> (TcpStream, Hello) {
+    let (mut stream, _) = listener.accept().unwrap();
+    let mut bytes = [0; HELLO_LENGTH];
+    stream.read_exact(&mut bytes).unwrap();
+    let Ok(Frame::Hello(hello)) = Frame::decode(&bytes) else { panic!("no HELLO: {bytes:?}") };
+    (stream, hello)
+}
+
 /// Message about a cRIO that answers the daemon's HELLO with these bytes, and then waits or closes.
 fn said(answer: fn(Hello) -> Vec<u8>, then: Then) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();
     let crio = std::thread::spawn(move || {
-        let (mut stream, _) = listener.accept().unwrap();
-        let mut bytes = [0; HELLO_LENGTH];
-        stream.read_exact(&mut bytes).unwrap();
-        let Ok(Frame::Hello(hello)) = Frame::decode(&bytes) else { panic!("no HELLO: {bytes:?}") };
+        let (mut stream, hello) = greeted(&listener);
         stream.write_all(&answer(hello)).unwrap();
         if then == Then::Waits {
             // Until the daemon has given up.
