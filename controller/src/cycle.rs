@@ -385,4 +385,4 @@ impl<H: DutySource> Cycle<H> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

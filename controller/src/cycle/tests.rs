@@ -6,7 +6,8 @@ use proto::wire::{CrioState, TripBits};
 
 use super::*;
 
-pub(super) fn sense(tick: u32, volts: [f32; 2], state: CrioState, trips: TripBits) -> Sense {
+/// A frame of this tick, in step with the commands.
+pub(crate) fn sense(tick: u32, volts: [f32; 2], state: CrioState, trips: TripBits) -> Sense {
     Sense {
         sequence: tick + 1,
         clock_ns: 1 + u64::from(tick) * 20_000_000,
@@ -32,7 +33,8 @@ pub(super) fn answer(cycle: &mut Cycle, frame: &Sense) -> (ActuatorCommand, Vec<
     (answer, told)
 }
 
-pub(super) fn cycle() -> Cycle {
+/// A cycle that arms by itself, in a session.
+pub(crate) fn cycle() -> Cycle {
     let rig = Rig::builtin("dual_pressure").unwrap();
     let mut cycle =
         Cycle::new(&rig, None, Reference::constant(85.0, -72.0), Safety::default(), Arming::Automatic).unwrap();

@@ -6,6 +6,7 @@ use supervisor::Arming;
 
 use super::*;
 use crate::config::Safety;
+use crate::cycle::tests::{cycle as armed_by_itself, sense};
 
 #[test]
 fn what_was_asked_for_without_a_session_is_told_from_the_rest() {
@@ -75,27 +76,11 @@ fn more_requests_than_a_record_holds_are_told_as_such() {
 /// The frame that was over the limit is in no record: it queued, and the next one was answered. Its number is missing.
 #[test]
 fn what_an_overtaken_frame_decided_is_replayed_and_only_where_one_can_have_been() {
-    let rig = Rig::builtin("dual_pressure").unwrap();
-    let new = || {
-        let reference = Reference::constant(85.0, -72.0);
-        let mut cycle = Cycle::new(&rig, None, reference, Safety::default(), Arming::Automatic).unwrap();
-        cycle.session_opened();
-        cycle
-    };
     let frame = |tick: u32, volts: f32| Sense {
-        sequence: tick + 1,
-        clock_ns: 1 + u64::from(tick) * 20_000_000,
-        session: 1,
-        tick,
-        command_in_force: tick,
-        volts: [volts, 1.002, f32::NAN, f32::NAN],
-        duty: [1.0; 2],
-        state: CrioState::Idle,
         pump_running: false,
-        trips: TripBits::NONE,
-        commands_missed: 0,
+        ..sense(tick, [volts, 1.002], CrioState::Idle, TripBits::NONE)
     };
-    let mut cycle = new();
+    let mut cycle = armed_by_itself();
     let mut records = Vec::new();
     for tick in [0, 1, 2, 4, 5] {
         if tick == 4 {
@@ -116,7 +101,7 @@ fn what_an_overtaken_frame_decided_is_replayed_and_only_where_one_can_have_been(
         [false, false, false, true, false]
     );
     let replayed = |records: &[TickRecord]| {
-        let mut replay = Replay { cycle: Some(new()), ..Replay::new(Vec::new()) };
+        let mut replay = Replay { cycle: Some(armed_by_itself()), ..Replay::new(Vec::new()) };
         records.iter().for_each(|record| replay.tick(record));
         replay.found()
     };

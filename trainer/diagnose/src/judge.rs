@@ -28,7 +28,7 @@ use crate::pump::switched::{REACH_KPA, reaches_kpa, stands_somewhere};
 use crate::search::candidate::{Candidate, DRIFT, is_leak};
 use crate::search::place::volumes_at;
 use crate::search::quick_search::Footing;
-use crate::search::{Found, cost, late_in_place_of, starts, twins, with, without};
+use crate::search::{Found, GLANCE_ROUNDS, cost, late_in_place_of, starts, twins, with, without};
 
 mod alike;
 mod moved;
@@ -267,7 +267,9 @@ fn contest(
                 let starts = starts(bench, candidates, best, &terms, &values, false);
                 // What is far behind after a glance is no rival, whatever a fit would still mend.
                 let set = bench.set_of(candidates, &terms)?;
-                let Some(close) = footing.contender_within(bench, &set, &starts, behind) else { continue };
+                let Some(close) = footing.contender_within(bench, &set, &starts, GLANCE_ROUNDS, behind) else {
+                    continue;
+                };
                 let Ok(fitted) = bench.fit(candidates, &terms, &[close.point], Effort::Polish) else { continue };
                 fitted
             }

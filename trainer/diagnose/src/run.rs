@@ -111,9 +111,9 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
     if judgement.is_of_names() || are_leaks_too_small(&searched, &candidates, &found.best)? {
         if let Some(objection) = objection(&searched, &candidates, &found, [&fitted, &extended])? {
             notes.push(objection.note);
-            // Where something has no name, what has none is asked as well.
+            // Where something has no name, what has none is asked as well; of the rest beside an event it is below.
             formula = match objection.formula {
-                None if objection.missing => unknown::formula(&searched, &found.nominal),
+                None if objection.missing && event.is_none() => unknown::formula(&searched, &found.nominal),
                 explains => explains,
             };
             judgement = if objection.missing {

@@ -315,9 +315,10 @@ pub fn search(
         }
     }
     best = waiting.filter(|rich| is_cheaper(bench, rich, &best)).unwrap_or(best);
-    let late = exchanged_late(bench, candidates, best.clone(), settings, &mut tried, tell)?;
-    if late.terms != best.terms {
-        best = deletions(bench, candidates, &nominal, late, settings, &likes.found, &mut tried)?;
+    let found_late = best.terms.clone();
+    best = exchanged_late(bench, candidates, best, settings, &mut tried, tell)?;
+    if best.terms != found_late {
+        best = deletions(bench, candidates, &nominal, best, settings, &likes.found, &mut tried)?;
     }
     // A shape that was richer before the rest was found may be needed no more.
     let plain = plainer(bench, candidates, best.clone(), settings.bar.removed_kpa)?;

@@ -10,13 +10,14 @@ use model::rig::Rig;
 use monitor::Pacing;
 use proto::recording::{TickInput, TickRecord};
 use proto::reference::Reference;
-use proto::wire::{Bye, ByeReason, CrioState, Hello, SENSE_LENGTH, Sense, TICK_NS, TripBits};
+use proto::wire::{Bye, ByeReason, CrioState, Hello, SENSE_LENGTH, Sense, TripBits};
 use supervisor::{Arming, Condition, State};
 
 use super::tests::greeted;
 use super::{Incoming, Link};
 use crate::config::Safety;
 use crate::cycle::Cycle;
+use crate::cycle::tests::sense;
 use crate::machine::clock::now_ns;
 
 /// Session with a cRIO that does what it is given with its end of the link.
@@ -36,16 +37,10 @@ fn session_with(pacing: Pacing, crio: impl FnOnce(TcpStream, Hello) + Send + 'st
 fn frame(hello: Hello, tick: u32, volts: f32) -> [u8; SENSE_LENGTH] {
     let sense = Sense {
         sequence: 2 + tick,
-        clock_ns: 1 + u64::from(tick) * TICK_NS,
         session: hello.session,
-        tick,
         command_in_force: 0,
-        volts: [volts, 1.002, f32::NAN, f32::NAN],
-        duty: [1.0; 2],
-        state: CrioState::Idle,
         pump_running: false,
-        trips: TripBits::NONE,
-        commands_missed: 0,
+        ..sense(tick, [volts, 1.002], CrioState::Idle, TripBits::NONE)
     };
     sense.encode()
 }

@@ -121,8 +121,7 @@ pub(super) fn pairs(
         let starts = starts(bench, candidates, &best, &terms, &values, false);
         let set = bench.set_of(candidates, &terms)?;
         // Two terms at once are far from where they will end: a glance may leave them 700 of log-likelihood short.
-        let within = footing.cost + behind;
-        let close = footing.glance(bench, &set, &starts, PAIR_ROUNDS, within).filter(|g| g.cost < within);
+        let close = footing.contender_within(bench, &set, &starts, PAIR_ROUNDS, behind);
         let fit = |close: Glanced| bench.fit(candidates, &terms, &[close.point], Effort::Polish).ok();
         // Neither pair's plain formula need be the right one: a valve that falls 4 % more slowly than it rises is 150 behind two
         // sensors as a plain lag, and 140 ahead of them with its own.

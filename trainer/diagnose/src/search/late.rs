@@ -80,10 +80,9 @@ pub(super) fn exchanged_late(
         exchange.terms != best.terms && kinds(candidates, &exchange.terms) <= settings.most_kinds
     };
     let asked: Vec<&Exchange> = asked.iter().filter(allowed).collect();
-    let within = footing.cost + BEHIND;
     let glance = |exchange: &&Exchange| -> Result<Option<Glanced>, DiagnoseError> {
         let set = bench.set_of(candidates, &exchange.terms)?;
-        Ok(footing.glance(bench, &set, &exchange.starts, PAIR_ROUNDS, within).filter(|glanced| glanced.cost < within))
+        Ok(footing.contender_within(bench, &set, &exchange.starts, PAIR_ROUNDS, BEHIND))
     };
     let glances = side_by_side_telling(&asked, glance, &mut |share| tell("exchanging what is late", share));
     let glances: Vec<Option<Glanced>> = glances.into_iter().collect::<Result<_, _>>()?;
@@ -156,9 +155,9 @@ impl Exchange {
 /// Times in ms that a term takes over on its side.
 struct Share {
     term: usize,
-    /// Its own where it stood there already, an equal part of what is left where it is new.
+    /// Time that it had where it stood there already, an equal part of what is left where it is new.
     rest_ms: f64,
-    /// An equal part of all.
+    /// Equal part of all.
     equal_ms: f64,
 }
 

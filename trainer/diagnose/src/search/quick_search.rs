@@ -14,7 +14,6 @@ use model::rig::RigError;
 
 use crate::bench::{Bench, Explanation, LOSS};
 use crate::error::DiagnoseError;
-use crate::search::GLANCE_ROUNDS;
 
 /// Steps tried at once.
 const TRIALS: usize = 8;
@@ -126,8 +125,7 @@ impl Footing {
         starts: &[Vec<f64>],
         rounds: usize,
     ) -> Option<Glanced> {
-        let behind = self.cost + FAR_BEHIND;
-        self.glance(bench, set, starts, rounds, behind).filter(|glanced| glanced.cost <= behind)
+        self.contender_within(bench, set, starts, rounds, FAR_BEHIND)
     }
 
     /// A glance as by [`Footing::contender`] at what may be behind by as much as `behind`, if that is more.
@@ -136,10 +134,11 @@ impl Footing {
         bench: &Bench<'_>,
         set: &ParameterSet,
         starts: &[Vec<f64>],
+        rounds: usize,
         behind: f64,
     ) -> Option<Glanced> {
         let behind = self.cost + behind.max(FAR_BEHIND);
-        self.glance(bench, set, starts, GLANCE_ROUNDS, behind).filter(|glanced| glanced.cost <= behind)
+        self.glance(bench, set, starts, rounds, behind).filter(|glanced| glanced.cost <= behind)
     }
 }
 
