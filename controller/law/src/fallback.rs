@@ -175,7 +175,7 @@ impl Fallback {
     pub fn left(&self) -> Left {
         // At a limit nothing that is added acts, and what is left there teaches nothing.
         let acts = |p: &Pending| p.reachable && (0.0..=1.0).contains(&p.raw);
-        let error_kpa = self.pending.map(|p| if acts(&p) { p.error_kpa } else { 0.0 });
+        let error_kpa = self.pending.map(|p| acts(&p).then_some(p.error_kpa));
         Left { error_kpa, gain_kpa_per_s: self.gain_kpa_per_s }
     }
 

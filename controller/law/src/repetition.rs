@@ -36,6 +36,10 @@ const CHANGE_WEIGHT_S2: f64 = 4e-4;
 const BEND_WEIGHT_S2: f64 = 0.4;
 /// Errors in kPa beyond which nothing is learned: on the way to a goal that is out of reach.
 const MOST_ERROR_KPA: Pair = [1.0, 0.5];
+/// Errors in kPa below which learning begins again after a limit or such an error. The way back is no error of the feed-forward: duties that are learned from
+/// it act where the next flight is at the limit, and left two to three times the error of the first flight on rigs that cannot follow
+/// their reference everywhere.
+const BACK_KPA: Pair = [0.2, 0.1];
 /// Share of what was learned that a flight forgets, so that nothing builds up where errors are not its doing.
 const FORGOTTEN: f64 = 0.05;
 /// The most that is added, in duty.
@@ -113,15 +117,15 @@ pub enum RepetitionLearning {
 /// Error that a tick left, for the next flight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Left {
-    /// Errors in kPa; 0 where nothing that is added acts: at a limit, or while something else decides.
-    pub error_kpa: Pair,
+    /// Errors in kPa; none where nothing that is added acts: at a limit, or while something else decides.
+    pub error_kpa: [Option<f64>; CHANNELS],
     /// Effect of a duty on the pressures, in kPa/s per duty.
     pub gain_kpa_per_s: Pair,
 }
 
 impl Left {
     /// Nothing to learn from.
-    pub const NOTHING: Left = Left { error_kpa: [0.0; CHANNELS], gain_kpa_per_s: [1.0; CHANNELS] };
+    pub const NOTHING: Left = Left { error_kpa: [None; CHANNELS], gain_kpa_per_s: [1.0; CHANNELS] };
 }
 
 /// Learning from flights of one reference.
@@ -134,6 +138,8 @@ pub struct Repetition {
     next: Vec<Pair>,
     /// Errors over the valve's gain, by tick of this flight.
     errors: Vec<Pair>,
+    /// Channels on their way back from a limit.
+    on_the_way_back: [bool; CHANNELS],
     tick: usize,
     /// Ticks of the flights that are over.
     flown_ticks: usize,
@@ -151,6 +157,7 @@ impl Repetition {
             flown: empty.clone(),
             next: empty.clone(),
             errors: empty,
+            on_the_way_back: [false; CHANNELS],
             tick: 0,
             flown_ticks: 0,
             flights: 0,
@@ -189,6 +196,7 @@ impl Repetition {
         }
         self.flown_ticks = self.flown_ticks.saturating_add(flown);
         self.flights += usize::from(flown > HALF && self.flown_ticks >= PLAY_TICKS);
+        self.on_the_way_back = [false; CHANNELS];
         self.tick = 0;
     }
 
@@ -212,8 +220,7 @@ impl Repetition {
     /// Some three hundred multiplications; may run in the tick.
     pub fn follow(&mut self, left: &Left) {
         let seen: Pair = std::array::from_fn(|c| {
-            let (error_kpa, gain) = (left.error_kpa[c], left.gain_kpa_per_s[c]);
-            let error = if self.flights > 0 && error_kpa.abs() < MOST_ERROR_KPA[c] { error_kpa / gain } else { 0.0 };
+            let error = self.learnable(c, left.error_kpa[c]) / left.gain_kpa_per_s[c];
             if error.is_finite() { error } else { 0.0 }
         });
         if let Some(slot) = self.errors.get_mut(self.tick) {
@@ -223,6 +230,14 @@ impl Repetition {
         if let Some(due) = self.tick.checked_sub(HALF + 1).filter(|due| *due < LONGEST_TICKS) {
             self.renew(due, self.tick.min(LONGEST_TICKS));
         }
+    }
+
+    /// Error of a channel that is learned from, in kPa: none at a limit, nor on the way back from there.
+    fn learnable(&mut self, c: usize, error_kpa: Option<f64>) -> f64 {
+        let most_kpa = if self.on_the_way_back[c] { BACK_KPA[c] } else { MOST_ERROR_KPA[c] };
+        let learned = error_kpa.filter(|kpa| kpa.abs() < most_kpa);
+        self.on_the_way_back[c] = learned.is_none();
+        learned.filter(|_| self.flights > 0).unwrap_or(0.0)
     }
 
     /// Works out δ of a tick for the next flight from what is known of this one up to tick `known`.
@@ -268,7 +283,7 @@ mod tests {
                 let t = tick as f64 * TICK_S;
                 let error = -pressure;
                 let duty = repetition.duty(0)[0] + bandwidth[0] * error / gain[0];
-                repetition.follow(&Left { error_kpa: [error, 0.0], gain_kpa_per_s: gain });
+                repetition.follow(&Left { error_kpa: [Some(error), None], gain_kpa_per_s: gain });
                 sent = [duty, sent[0]];
                 let keeps = (-TICK_S / 0.05_f64).exp();
                 coil = keeps * coil + (1.0 - keeps) * sent[1];
@@ -284,7 +299,7 @@ mod tests {
         assert!((last / 800.0).sqrt() < 0.05, "{}", (last / 800.0).sqrt());
     }
 
-    const SOME: Left = Left { error_kpa: [0.5, 0.2], gain_kpa_per_s: [-150.0, 90.0] };
+    const SOME: Left = Left { error_kpa: [Some(0.5), Some(0.2)], gain_kpa_per_s: [-150.0, 90.0] };
 
     #[test]
     fn another_reference_begins_with_nothing() {
@@ -311,6 +326,27 @@ mod tests {
         let first = repetition.learned().unwrap();
         (0..197).for_each(|_| repetition.follow(&SOME));
         assert_eq!(repetition.learned().unwrap()[3..], first[..3]);
+    }
+
+    /// Errors on the way back from a limit teach nothing; below a fifth of a kPa they do again.
+    #[test]
+    fn the_way_back_from_a_limit_teaches_nothing() {
+        let mut repetition = Repetition::new(&[late(); CHANNELS], [3.0; CHANNELS]);
+        let of = |error_kpa: Option<f64>| Left { error_kpa: [error_kpa, None], ..SOME };
+        for (ticks, error_kpa) in [(PLAY_TICKS, Some(0.5)), (200, None)] {
+            repetition.begin(None);
+            (0..ticks).for_each(|_| repetition.follow(&of(error_kpa)));
+        }
+        for behind in [Some(0.9), Some(0.25), Some(-0.25)] {
+            repetition.follow(&of(behind));
+        }
+        repetition.begin(None);
+        assert!((0..203).all(|tick| repetition.duty(tick) == [0.0; CHANNELS]));
+        (0..200).for_each(|_| repetition.follow(&of(None)));
+        (0..3).for_each(|_| repetition.follow(&of(Some(0.15))));
+        (0..3).for_each(|_| repetition.follow(&of(Some(0.5))));
+        repetition.begin(None);
+        assert!(repetition.duty(203)[0].abs() > 1e-5);
     }
 
     /// A flight that is broken off leaves what was learned of the rest.

@@ -93,7 +93,7 @@ mod tests {
 
     use super::*;
 
-    const SOME: Left = Left { error_kpa: [0.5, 0.2], gain_kpa_per_s: [-150.0, 90.0] };
+    const SOME: Left = Left { error_kpa: [Some(0.5), Some(0.2)], gain_kpa_per_s: [-150.0, 90.0] };
 
     /// Flies a reference so many times, each 200 ticks long.
     fn fly(repetitions: &mut Repetitions, reference: u64, flights: usize) {

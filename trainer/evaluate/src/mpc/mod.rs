@@ -104,41 +104,46 @@ impl Mpc {
         }
     }
 
-    /// Goals at the end of each tick of the horizon, in chamber kPa; a part of a tick of delay shifts them.
-    fn goals(&self, situation: &ControlInput) -> [Pair; HORIZON] {
-        std::array::from_fn(|k| {
-            let goal: Pair = std::array::from_fn(|c| {
-                let ticks = (k as f64 + 1.0 + self.delays[c].1).clamp(0.0, GOALS_AHEAD as f64);
-                let below = (ticks as usize).min(GOALS_AHEAD - 1);
-                let share = ticks - below as f64;
-                (1.0 - share) * situation.goals_kpa[below][c] + share * situation.goals_kpa[below + 1][c]
-            });
-            self.model.map.chamber_kpa(goal)
-        })
+    /// Goal of a channel this many ticks ahead, in gauge kPa: between ticks on a line, and before the first on the line through the first
+    /// two.
+    fn goal_at(situation: &ControlInput, c: usize, ticks: f64) -> f64 {
+        let goals = &situation.goals_kpa;
+        let below = ticks.clamp(0.0, (GOALS_AHEAD - 1) as f64) as usize;
+        let share = (ticks - below as f64).min(1.0);
+        (1.0 - share) * goals[below][c] + share * goals[below + 1][c]
     }
 
-    /// By how much the duty that the goals ask for changes from tick to tick.
-    fn asked_change(&self, goals_kpa: &[Pair; HORIZON], situation: &ControlInput) -> [Pair; HORIZON] {
-        let mut from_kpa = self.model.map.chamber_kpa(situation.goals_kpa[0]);
-        let mut before: Option<Pair> = None;
-        goals_kpa.map(|goal| {
+    /// Goals at the end of the tick before the horizon and of each in it, in chamber kPa; a part of a tick of delay shifts them.
+    fn goals(&self, situation: &ControlInput) -> (Pair, [Pair; HORIZON]) {
+        let at = |ticks: usize| {
+            let goal = std::array::from_fn(|c| Self::goal_at(situation, c, ticks as f64 + self.delays[c].1));
+            self.model.map.chamber_kpa(goal)
+        };
+        (at(0), std::array::from_fn(|k| at(k + 1)))
+    }
+
+    /// Change of the duty that the goals ask for from tick to tick; in the first as in the second, since what it asked for
+    /// before is past.
+    fn asked_change(&self, (mut from_kpa, goals_kpa): (Pair, &[Pair; HORIZON])) -> [Pair; HORIZON] {
+        let duties = goals_kpa.map(|goal| {
             let rates = std::array::from_fn(|c| (goal[c] - from_kpa[c]) / TICK_S);
-            let duty = self.model.map.warm_duty_for(goal, rates, self.gas_k).map(|duty| duty.clamp(0.0, 1.0));
             from_kpa = goal;
-            let change = before.map_or([0.0; CHANNELS], |before| std::array::from_fn(|c| duty[c] - before[c]));
-            before = Some(duty);
-            change
+            self.model.map.warm_duty_for(goal, rates, self.gas_k).map(|duty| duty.clamp(0.0, 1.0))
+        });
+        std::array::from_fn(|k| {
+            let k = k.max(1);
+            std::array::from_fn(|c| duties[k][c] - duties[k - 1][c])
         })
     }
 
     fn planned(&mut self, situation: &ControlInput, estimate: &Estimate) -> ([DutyTerms; CHANNELS], ActionTrajectory) {
-        let goals_kpa = self.goals(situation);
+        let (from_kpa, goals_kpa) = self.goals(situation);
         let horizon = Horizon {
             pressures_kpa: estimate.pressures_kpa,
             coil: estimate.flapper,
             before: self.before,
             besides: Acting { flapper: estimate.flapper, disturbance: estimate.disturbance, gas_k: self.gas_k },
-            asked_change: self.asked_change(&goals_kpa, situation),
+            asked_change: self.asked_change((from_kpa, &goals_kpa)),
             goals_kpa,
             given: self.delays.map(|(whole, _)| whole),
         };
