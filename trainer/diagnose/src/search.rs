@@ -7,6 +7,7 @@
 //! | `worth` | what a further term must show to be taken |
 //! | `exchange` | terms in exchange for others |
 //! | `late` | late valves and late sensors in exchange for one another |
+//! | `usual` | all that is usual at once, where a search has ended far from the data |
 //! | `refine` | fits that least squares from where things stand would miss |
 //! | `stepped` | what moves in steps, or begins at a moment |
 //! | `slips` | what sticks and slips, found in pieces that forget a slip that came late |
@@ -37,11 +38,12 @@ mod slips;
 mod stepped;
 mod terms;
 mod twin;
+mod usual;
 mod worth;
 
 use additions::{Additions, additions, cheaper, is_cheaper};
-use believed::believed;
-pub(crate) use believed::brings_back;
+use believed::{believed, is_led_astray};
+pub(crate) use believed::{brings_back, has_given_way};
 pub use exchange::twins;
 use exchange::{deletions, pairs, swaps};
 use late::exchanged_late;
@@ -52,6 +54,7 @@ pub(crate) use stepped::lying_where;
 use stepped::sharpened;
 pub use terms::{is_open, kinds, open_beside, position_of, starts, values_of, with, without};
 use twin::{Likes, twinned};
+use usual::usual_at_once;
 use worth::{earns_its_place, least_gain, leaves_room};
 
 /// Settings of a search.
@@ -192,7 +195,9 @@ pub fn search(
             break;
         }
         stood.push(best.terms.clone());
-        let explained = !best.terms.is_empty() && !is_unexplained(bench, &nominal, &best);
+        // Slopes where parameters have given way say little of what comes: what is behind at a glance is looked at as well.
+        let explained =
+            !best.terms.is_empty() && !is_unexplained(bench, &nominal, &best) && !is_led_astray(bench, &best);
         let least_gain = if explained && !settings.thorough { least_gain(bench, &nominal, &best) } else { 0.0 };
         let earlier = screened.as_ref().map(|(_, screening)| screening);
         let Additions { screening, ranked, mut polished } =
@@ -259,9 +264,11 @@ pub fn search(
             let slips =
                 if unexplained { in_pieces(bench, candidates, &best, settings, &tried, None, tell)? } else { None };
             let unexplained = unexplained && slips.is_none();
-            // Each of two may be lost in what the other does.
-            let far = settings.thorough || best.terms.len() < 2;
-            let ahead = if unexplained && far && kinds(candidates, &best.terms) + 2 <= settings.most_kinds {
+            // What is far from any known physics may be near one from where the parameters were before they gave way.
+            let led_astray = slips.is_none() && is_led_astray(bench, &best);
+            // Each of two may be lost in what the other does, and where parameters stand in for both, neither passes alone.
+            let looks_ahead = unexplained && (settings.thorough || best.terms.len() < 2) || led_astray;
+            let ahead = if looks_ahead {
                 let earlier = screened.as_ref().map(|(_, screening)| screening);
                 let further = additions(bench, candidates, &top, &settings.looking_ahead(), (earlier, 0.0), tell)?;
                 further.polished.into_iter().find(|pair| {
@@ -274,9 +281,7 @@ pub fn search(
             } else {
                 None
             };
-            // What is far from any known physics may be near one from where the parameters were before they gave way.
-            let is_led_astray = bench.is_much(&left(bench, &best)) && has_given_way(bench, &best);
-            let from_afar = unexplained && settings.thorough || slips.is_none() && is_led_astray;
+            let from_afar = unexplained && settings.thorough || led_astray;
             let again = match ahead {
                 Some(pair) => Some(plainer(bench, candidates, pair, settings.bar.removed_kpa)?),
                 None if from_afar => from_priors(bench, candidates, &best, &missed, &mut tried, tell)?,
@@ -318,6 +323,12 @@ pub fn search(
     let found_late = best.terms.clone();
     best = exchanged_late(bench, candidates, best, settings, &mut tried, tell)?;
     if best.terms != found_late {
+        best = deletions(bench, candidates, &nominal, best, settings, &likes.found, &mut tried)?;
+    }
+    if is_led_astray(bench, &best)
+        && let Some(all) = usual_at_once(bench, candidates, [&best, &nominal], settings, tell)
+    {
+        tried.push(std::mem::replace(&mut best, all));
         best = deletions(bench, candidates, &nominal, best, settings, &likes.found, &mut tried)?;
     }
     // A shape that was richer before the rest was found may be needed no more.
@@ -381,12 +392,4 @@ pub fn cost(bench: &Bench<'_>, explanation: &Explanation) -> f64 {
 fn is_unexplained(bench: &Bench<'_>, nominal: &Explanation, explanation: &Explanation) -> bool {
     let left = left(bench, explanation);
     bench.is_much(&left) && !explains_most(&excess(bench, &nominal.trace), &left)
-}
-
-/// Standard deviations of its prior beyond which a parameter has given way to something that it is not.
-const FAR_OFF: f64 = 6.0;
-
-/// Tells whether one of the rig's own parameters has given way to something that it is not.
-pub(crate) fn has_given_way(bench: &Bench<'_>, explanation: &Explanation) -> bool {
-    explanation.fitted.point.iter().take(bench.nominal.len()).any(|z| z.abs() > FAR_OFF)
 }

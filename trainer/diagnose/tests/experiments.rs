@@ -225,6 +225,39 @@ mod thorough {
         }
     }
 
+    /// Numbers of both valves as on a rig around `bench`: half widths of backlash in duty, lags and delays in ms.
+    struct Valves {
+        half_width_duty: [f64; 2],
+        time_constant_ms: [f64; 2],
+        delay_ms: [f64; 2],
+    }
+
+    /// A rig with such valves and warm gas (W/K), parameters `moved` by these factors, and asserts that a short search finds all of it.
+    fn assert_is_found(parameters: &[(&str, f64)], valves: &Valves, wall_conductance_w_per_k: f64, seed: u64) {
+        let (rig, mut truth) = moved(parameters);
+        let all = candidates(&rig);
+        let mut conceal = |name: &str, value: f64| {
+            let candidate = all.iter().find(|candidate| candidate.name() == name).unwrap();
+            truth.mechanisms.push(candidate.attached(&[value]));
+        };
+        for (id, values) in [
+            ("valve_hysteresis", valves.half_width_duty),
+            ("valve_lag", valves.time_constant_ms),
+            ("command_delay", valves.delay_ms),
+        ] {
+            for (side, value) in ["positive", "negative"].into_iter().zip(values) {
+                conceal(&format!("{id}:{side}"), value);
+            }
+        }
+        conceal("chamber_thermal:positive", wall_conductance_w_per_k);
+        let numbers = [
+            ("half_width_duty", valves.half_width_duty),
+            ("time_constant_ms", valves.time_constant_ms),
+            ("delay_ms", valves.delay_ms),
+        ];
+        assert_all_is_found(&from_a_minute_and_an_experiment(&truth, seed), numbers);
+    }
+
     /// All that `bench` conceals: seven terms of four kinds.
     #[test]
     #[ignore = "thorough: docs/testing.md"]
@@ -239,28 +272,31 @@ mod thorough {
     #[test]
     #[ignore = "thorough: docs/testing.md"]
     fn late_sensors_give_way_to_valves_that_are_late_twice() {
-        let (rig, mut truth) = moved(&[
+        let valves =
+            Valves { half_width_duty: [0.0169, 0.0334], time_constant_ms: [25.0, 61.6], delay_ms: [27.8, 28.9] };
+        let parameters = [
             ("volumes.positive.volume_l", 1.04),
             ("volumes.negative.volume_l", 1.086),
             ("pumps.pump.head_area_cm2", 0.93),
             ("pumps.pump.inlet_check_area_mm2", 0.91),
-        ]);
-        let all = candidates(&rig);
-        for (name, value) in [
-            ("valve_hysteresis:positive", 0.0169),
-            ("valve_hysteresis:negative", 0.0334),
-            ("valve_lag:positive", 25.0),
-            ("valve_lag:negative", 61.6),
-            ("command_delay:positive", 27.8),
-            ("command_delay:negative", 28.9),
-            ("chamber_thermal:positive", 0.739),
-        ] {
-            let candidate = all.iter().find(|candidate| candidate.name() == name).unwrap();
-            truth.mechanisms.push(candidate.attached(&[value]));
-        }
-        let found = from_a_minute_and_an_experiment(&truth, 31);
-        let numbers =
-            [("half_width_duty", [0.0169, 0.0334]), ("time_constant_ms", [25.0, 61.6]), ("delay_ms", [27.8, 28.9])];
-        assert_all_is_found(&found, numbers);
+        ];
+        assert_is_found(&parameters, &valves, 0.739, 31);
+    }
+
+    /// And another. Parameters of the pump stand in for warm gas and a late positive valve, each of which sets hardly anything right without
+    /// the other; no pair leads there either, and all that is usual at once does.
+    #[test]
+    #[ignore = "thorough: docs/testing.md"]
+    fn warm_gas_and_a_late_valve_that_are_lost_in_each_other_are_found() {
+        let valves = Valves { half_width_duty: [0.042, 0.039], time_constant_ms: [40.4, 30.0], delay_ms: [19.6, 25.8] };
+        let parameters = [
+            ("volumes.positive.volume_l", 1.023),
+            ("volumes.negative.volume_l", 1.023),
+            ("pumps.pump.inlet_check_area_mm2", 0.976),
+            ("valves.valve_pos.pressure_area_mm2_per_n", 1.052),
+            ("valves.valve_pos.spring_area_mm2", 1.057),
+            ("valves.valve_neg.spring_area_mm2", 0.96),
+        ];
+        assert_is_found(&parameters, &valves, 1.377, 31);
     }
 }

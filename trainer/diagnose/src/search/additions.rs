@@ -57,8 +57,8 @@ pub(super) fn additions(
     let footing = Footing::of(bench, base)?;
     // Parameters that have given way too far lead a fit into a valley of their own.
     let far_off = has_given_way(bench, base);
-    let singles = screening.single.iter().take(settings.glanced);
     let fits = |screened: &&Screened| kinds(candidates, &screened.beside(&base.terms)) <= settings.most_kinds;
+    let singles = screening.single.iter().filter(fits).take(settings.glanced);
     let doubles = screening.double.iter().filter(fits).take(settings.paired);
     let asked: Vec<&Screened> = singles.chain(doubles).collect();
     let tried = side_by_side_telling(

@@ -11,6 +11,7 @@ use fit::cores::side_by_side_telling;
 use super::terms::{open_beside, starts_at};
 use super::{PRICE, SearchSettings, cost};
 use crate::bench::{Bench, Effort, Explanation};
+use crate::judge::left;
 use crate::search::candidate::{Candidate, is_leak};
 use crate::search::screen::{Screened, Screening, screen};
 
@@ -20,6 +21,19 @@ const LEAST: f64 = 10.0;
 const LEAST_SAVED: f64 = 0.25;
 /// Share of it that is left where parameters are believed again.
 const MOST_LEFT: f64 = 0.5;
+
+/// Standard deviations of its prior beyond which a parameter has given way to something that it is not.
+const FAR_OFF: f64 = 6.0;
+
+/// Tells whether one of the rig's own parameters has given way to something that it is not.
+pub(crate) fn has_given_way(bench: &Bench<'_>, explanation: &Explanation) -> bool {
+    explanation.fitted.point.iter().take(bench.nominal.len()).any(|z| z.abs() > FAR_OFF)
+}
+
+/// Tells whether an explanation leaves much, and one of the rig's own parameters stands in for something.
+pub(super) fn is_led_astray(bench: &Bench<'_>, explanation: &Explanation) -> bool {
+    bench.is_much(&left(bench, explanation)) && has_given_way(bench, explanation)
+}
 
 /// Tells whether the parameters of `best` are believed again with what is `with` it: most of what they cost the priors is gone.
 pub(crate) fn brings_back(best: &Explanation, with: &Explanation) -> bool {
