@@ -87,11 +87,27 @@ pub(crate) fn run(args: &ImproveArgs) -> Result<(), Failure> {
     let left = run.rounds().saturating_sub(run.rounds_done());
     let mut shown = Shown { stop, progress: Progress::new("improving", left * run.episodes()) };
     let ended = run.go(&mut shown)?;
-    let summary = run.finish()?;
+    let folder = run.files().folder().display().to_string();
+    if !run.has_begun() {
+        if args.json {
+            return stdout::say_json(&json!({ "rounds": 0, "rounds_planned": run.rounds(), "kept": null }));
+        }
+        return stdout::say(&format!(
+            "stopped before anything was scored; go on with: trainer improve --resume {folder}"
+        ));
+    }
+    let summary = match ended {
+        RunStatus::Finished => run.finish()?,
+        RunStatus::Stopped => {
+            shown.progress.tell(
+                "stopping: the rounds before are kept; fitting their policy's plan (a further Ctrl-C ends at once)",
+            );
+            run.leave()?
+        }
+    };
     if args.json {
         return stdout::say_json(&json!(summary));
     }
-    let folder = run.files().folder().display();
     let mut text = match ended {
         RunStatus::Finished => {
             let rounds = if summary.rounds == 1 { "round" } else { "rounds" };

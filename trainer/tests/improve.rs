@@ -35,20 +35,15 @@ fn stopping_and_going_on_and_threads_change_no_bit() {
     let straight = folder.path("straight");
     sound(["improve", "--config", &config, "--threads", "1", "--out", &straight]);
     let whole = folder.path("whole");
-    let mut child = Command::new(env!("CARGO_BIN_EXE_trainer"))
-        .args(["improve", "--config", &config, "--threads", "2", "--out", &whole])
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    let begun = Instant::now();
-    while !Path::new(&whole).join("checkpoint.bin").exists() {
-        assert!(begun.elapsed() < Duration::from_secs(120), "no checkpoint");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
-    assert_eq!(child.wait().unwrap().code(), Some(0));
+    let checkpoint = || std::fs::read(Path::new(&whole).join("checkpoint.bin")).ok();
+    // Before anything is scored, and again behind that.
+    interrupted(&["improve", "--config", &config, "--threads", "2", "--out", &whole], &|| checkpoint().is_some());
+    assert!(!Path::new(&whole).join("summary.json").exists(), "nothing is scored yet");
+    let began = checkpoint();
+    interrupted(&["improve", "--resume", &whole, "--threads", "2"], &|| checkpoint() != began);
     assert!(summary(&whole)["rounds"].as_u64().unwrap() < 3, "{}", summary(&whole));
+    assert_eq!(summary(&whole)["evaluated"], serde_json::json!([]), "nothing is run on the paper's reference");
+    assert!(bytes(&whole, "policy.onnx").len() > 50);
     sound(["improve", "--resume", &whole, "--threads", "1"]);
     for file in ["policy.bin", "policy.onnx"] {
         assert_eq!(bytes(&straight, file), bytes(&whole, file), "{file}");
@@ -61,6 +56,23 @@ fn stopping_and_going_on_and_threads_change_no_bit() {
     let told = refused(["improve", "--resume", &straight, "--rounds", "2"]);
     assert!(told.contains("3 rounds are done already") && told.contains("--rounds 2"), "{told}");
     assert_eq!(bytes(&straight, "settings.toml"), settings, "what was refused is not planned");
+}
+
+/// Runs `trainer` and interrupts it as soon as it `is_due`; it ends with status 0.
+fn interrupted(args: &[&str], is_due: &dyn Fn() -> bool) {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_trainer"))
+        .args(args)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let begun = Instant::now();
+    while !is_due() {
+        assert!(begun.elapsed() < Duration::from_secs(120), "no checkpoint");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    assert_eq!(child.wait().unwrap().code(), Some(0));
 }
 
 /// From the fallback's own answers, on the rig that the model is: the negative valve's delay of a tick that its PI loop does not

@@ -50,7 +50,7 @@ pub struct RolloutSummary {
     /// The fallback on the rigs set aside, positive and negative, in kPa; of policies that correct it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fallback_kpa: Option<Pair>,
-    /// The policy that is kept on the paper's reference.
+    /// The policy that is kept on the paper's reference; nothing is run there by a run that was stopped.
     pub evaluated: Vec<Evaluated>,
     /// The policy that was given to begin with, with the plan that it had; empty where none was.
     pub given: Vec<Evaluated>,
@@ -77,26 +77,46 @@ impl RolloutRun {
             .with_stated_spread(self.given.as_ref().and_then(|given| given.exploration_std().map(<[f64]>::to_vec)))
     }
 
-    /// Fits the plan of the policy that is kept, and writes policy, page and figures.
+    /// Fits the plan of the policy that is kept, runs it on the paper's reference, and writes policy, page and figures.
     ///
     /// # Errors
     /// If a rig cannot be run, or a file cannot be written.
     pub fn finish(&self) -> Result<RolloutSummary, TrainingError> {
-        let model = PlanModel { rig: &self.model, map: &self.map };
-        let policy = self.trained(plan_fit::fitted(&self.standing.best, &self.settings, &model)?);
-        let summary = self.summary(&policy)?;
-        RunFiles::write(&self.files.policy(), &policy.to_bytes()?)?;
-        RunFiles::write(&self.files.onnx(), &policy.to_onnx(&[])?)?;
-        let text = serde_json::to_string_pretty(&summary)
-            .map_err(|error| TrainingError::file(&self.files.summary(), &error.to_string()))?;
-        RunFiles::write(&self.files.report(), report::page(&self.settings, &summary).as_bytes())?;
-        RunFiles::write(&self.files.summary(), format!("{text}\n").as_bytes())?;
+        let policy = self.kept_policy()?;
+        let summary = self.with_reference_runs(&policy)?;
+        self.write(&policy, &summary)?;
         Ok(summary)
     }
 
-    fn summary(&self, policy: &TrainedPolicy) -> Result<RolloutSummary, TrainingError> {
+    /// Writes the same of a run that was stopped, without the runs on the paper's reference, which nobody waits for then. The plan is
+    /// fitted all the same: without it no policy could be run.
+    ///
+    /// # Errors
+    /// If the model cannot be run, or a file cannot be written.
+    pub fn leave(&self) -> Result<RolloutSummary, TrainingError> {
+        let summary = self.summary();
+        self.write(&self.kept_policy()?, &summary)?;
+        Ok(summary)
+    }
+
+    /// The policy that is kept, its plan fitted.
+    fn kept_policy(&self) -> Result<TrainedPolicy, TrainingError> {
+        let model = PlanModel { rig: &self.model, map: &self.map };
+        Ok(self.trained(plan_fit::fitted(&self.standing.best, &self.settings, &model)?))
+    }
+
+    fn write(&self, policy: &TrainedPolicy, summary: &RolloutSummary) -> Result<(), TrainingError> {
+        RunFiles::write(&self.files.policy(), &policy.to_bytes()?)?;
+        RunFiles::write(&self.files.onnx(), &policy.to_onnx(&[])?)?;
+        let text = serde_json::to_string_pretty(summary)
+            .map_err(|error| TrainingError::file(&self.files.summary(), &error.to_string()))?;
+        RunFiles::write(&self.files.report(), report::page(&self.settings, summary).as_bytes())?;
+        RunFiles::write(&self.files.summary(), format!("{text}\n").as_bytes())
+    }
+
+    fn summary(&self) -> RolloutSummary {
         let position = &self.standing.position;
-        let mut summary = RolloutSummary {
+        RolloutSummary {
             taken: self.taken(),
             rounds: position.rounds,
             rounds_planned: self.rollouts.rounds,
@@ -108,7 +128,12 @@ impl RolloutRun {
             evaluated: Vec::new(),
             given: Vec::new(),
             fallback: Vec::new(),
-        };
+        }
+    }
+
+    /// Figures with runs of policy, given policy and fallback on the paper's reference.
+    fn with_reference_runs(&self, policy: &TrainedPolicy) -> Result<RolloutSummary, TrainingError> {
+        let mut summary = self.summary();
         for name in &self.settings.rig.evaluated_on {
             let rig = load_for_loop(name, Some("rig.evaluated_on"))?;
             let flown = |who: Option<&TrainedPolicy>| {

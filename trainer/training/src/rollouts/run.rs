@@ -98,7 +98,7 @@ impl RolloutRun {
         if let Some(given) = &run.given {
             RunFiles::write(&run.files.start(), &given.to_bytes()?)?;
         }
-        run.choose_start()?;
+        files::write(&run.files, &run.standing)?;
         Ok(run)
     }
 
@@ -190,18 +190,26 @@ impl RolloutRun {
         self.standing.position.rounds
     }
 
+    /// Tells whether the policy that it begins with has been scored: before that there are no figures.
+    pub fn has_begun(&self) -> bool {
+        !self.standing.position.curve.is_empty()
+    }
+
     /// Episodes of a round.
     pub fn episodes(&self) -> u64 {
         self.rollouts.episodes
     }
 
-    /// Flies and moves until all rounds are done or the callback wants to stop. A stop loses the round under way, and leaves a
-    /// policy and a page as the end does.
+    /// Flies and moves until all rounds are done or the callback wants to stop. A stop loses the round under way; [`Self::leave`] writes
+    /// what the rounds before have left.
     ///
     /// # Errors
     /// A weight that is not finite, or a file that cannot be written; the last checkpoint is kept.
     pub fn go(&mut self, callback: &mut dyn RolloutCallback) -> Result<RunStatus, TrainingError> {
         let mut counted_from = Instant::now();
+        if !self.has_begun() && !self.choose_start(callback)? {
+            return Ok(RunStatus::Stopped);
+        }
         self.tell(callback);
         while self.standing.position.rounds < self.rollouts.rounds {
             let Some(round) = self.fly_round(callback)? else { break };
@@ -209,14 +217,17 @@ impl RolloutRun {
             let done = position.rounds as f64 / self.rollouts.rounds.max(2).saturating_sub(1) as f64;
             let rate = self.rollouts.learning_rate * (1.0 - (1.0 - LAST_RATE) * done.min(1.0));
             let key = [self.settings.run.seed, position.rounds];
+            let before = self.standing.clone();
             let Standing { network, moments, .. } = &mut self.standing;
             (*network, *moments) = learn(network, moments, &round, &self.rollouts, key, rate as f32)
                 .map_err(|error| TrainingError::learner("policy", &sac::LearnerError::from(error)))?;
             self.check_finite()?;
             self.standing.position.rounds += 1;
             let branches = round.iter().map(|episode| episode.branches.len() as u64).sum();
-            // It takes some seconds; a stop waits for it, as what the round has learned is lost without it.
-            let rmse_kpa = self.aside_kpa(&self.standing.network.clone())?;
+            let Some(rmse_kpa) = self.aside_kpa(&self.standing.network.clone(), callback)? else {
+                self.standing = before;
+                break;
+            };
             self.keep(rmse_kpa, branches, counted_from)?;
             self.tell(callback);
             counted_from = Instant::now();
@@ -231,27 +242,28 @@ impl RolloutRun {
         }
     }
 
-    /// Begins with corrections of nothing where these track better than the policy that was given, and keeps where it begins.
-    fn choose_start(&mut self) -> Result<(), TrainingError> {
+    /// Begins with corrections of nothing where these track better than the policy that was given, and keeps where it begins; answers
+    /// false where a stop is asked for.
+    fn choose_start(&mut self, callback: &dyn RolloutCallback) -> Result<bool, TrainingError> {
         let began = Instant::now();
         let given = self.standing.network.clone();
-        let mut start_kpa = self.aside_kpa(&given)?;
+        let Some(mut start_kpa) = self.aside_kpa(&given, callback)? else { return Ok(false) };
         if self.settings.contract() == ObservationLayout::Correction {
             let nothing = silent(&given);
-            let fallback_kpa = self.aside_kpa(&nothing)?;
+            let Some(fallback_kpa) = self.aside_kpa(&nothing, callback)? else { return Ok(false) };
             self.standing.position.fallback_kpa = Some(fallback_kpa);
             if score_kpa(fallback_kpa) < score_kpa(start_kpa) {
                 self.standing.network = nothing;
                 start_kpa = fallback_kpa;
             }
         }
-        self.keep(start_kpa, 0, began)
+        self.keep(start_kpa, 0, began)?;
+        Ok(true)
     }
 
-    /// RMSE on the rigs set aside, positive and negative, in kPa.
-    fn aside_kpa(&mut self, network: &Network) -> Result<Pair, TrainingError> {
-        // It is never left before its end.
-        Ok(rmse_kpa(&mut self.aside, &plan_fit::held(network), &mut || false)?.unwrap_or([f64::INFINITY; 2]))
+    /// RMSE on the rigs set aside, positive and negative, in kPa; nothing where a stop is asked for.
+    fn aside_kpa(&mut self, network: &Network, callback: &dyn RolloutCallback) -> Result<Option<Pair>, TrainingError> {
+        rmse_kpa(&mut self.aside, &plan_fit::held(network), &mut || callback.stop())
     }
 
     /// All episodes of the next round, in their order; nothing where a stop is asked for.
