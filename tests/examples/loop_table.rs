@@ -184,7 +184,7 @@ fn table(out: &Path) {
         let name = folder.file_name().unwrap().to_string_lossy();
         writeln!(
             text,
-            "| {name} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {}; {} | {:.1} | {} |",
+            "| {name} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {}; {} | {} | {} |",
             pair(&others["fallback"]),
             pair(&others["observer"]),
             pair(&others["mpc"]),
@@ -197,7 +197,7 @@ fn table(out: &Path) {
             adapt["kept"].as_str().unwrap_or("failed"),
             pair(&others["optimum"]),
             pair(&adapt["optimum_kpa"]),
-            adapt["rig_minutes"].as_f64().unwrap_or(f64::NAN),
+            adapt["rig_minutes"].as_f64().map_or_else(|| "–".to_owned(), |minutes| format!("{minutes:.1}")),
             pair(&adapt["extremes_kpa"]),
         )
         .unwrap();

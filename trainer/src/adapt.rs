@@ -4,6 +4,7 @@ use std::io::{BufRead, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 use ::adapt::found_in;
@@ -278,8 +279,23 @@ impl Console for Terminal {
         }
         self.clear();
         write(&format!("{question} [y/N] "));
-        let mut answer = String::new();
-        std::io::stdin().lock().read_line(&mut answer).is_ok() && answer.trim().eq_ignore_ascii_case("y")
+        // Read beside: a read does not end with a Ctrl-C, which is no answer.
+        let (tell, told) = mpsc::channel();
+        std::thread::spawn(move || {
+            let mut answer = String::new();
+            let is_yes =
+                std::io::stdin().lock().read_line(&mut answer).is_ok() && answer.trim().eq_ignore_ascii_case("y");
+            // Nobody waits for an answer behind a Ctrl-C.
+            let _ = tell.send(is_yes);
+        });
+        while !self.stop() {
+            match told.recv_timeout(BAR_EVERY) {
+                Err(RecvTimeoutError::Timeout) => {}
+                answer => return answer.unwrap_or(false),
+            }
+        }
+        write("\n");
+        false
     }
 }
 

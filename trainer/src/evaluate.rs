@@ -218,9 +218,13 @@ fn fill(
     let work = begin(&args.out)?;
     let model = load_for_loop(&args.model, Some("--model"))?;
     let reference = match &args.reference {
-        Some(path) => Reference::read(path)
-            .map_err(|error| TrainingError::File { file: path.display().to_string(), problem: error.to_string() })?,
+        Some(path) => Reference::read(path)?,
         None => Reference::paper(),
+    };
+    // Refused before anything is tuned, which takes a while.
+    let (groups, steps) = match &args.runs {
+        Some(folder) => groups(folder, shown)?,
+        None => (BTreeMap::new(), Vec::new()),
     };
     let noise_v_rms = proto::emulator::Sensors::ADC_NOISE_V_RMS;
     let mut entrants = Vec::new();
@@ -237,10 +241,6 @@ fn fill(
         let map = SteadyMap::new(&model).map_err(|problem| RigFileError::Rig { file: args.model.clone(), problem })?;
         entrants.push(ControllerUnderTest::Dob(Dob::tuned(&map, &model, noise_v_rms).map_err(TrainingError::from)?));
     }
-    let (groups, steps) = match &args.runs {
-        Some(folder) => groups(folder, shown)?,
-        None => (BTreeMap::new(), Vec::new()),
-    };
     entrants.extend(groups.into_values().map(|(label, policies)| ControllerUnderTest::Policies { label, policies }));
     if !args.without_optimum {
         entrants.push(ControllerUnderTest::OptimalOpenLoop);

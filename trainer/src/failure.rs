@@ -13,6 +13,7 @@ use proto::atomic_file::AtomicFileError;
 use proto::emulator::{EmulatorError, FaultScriptError};
 use proto::output::OutputError;
 use proto::recording::RecordingError;
+use proto::reference::ReferenceError;
 use proto::rig_file::RigFileError;
 use proto::terminal_lines;
 use training::TrainingError;
@@ -31,6 +32,8 @@ pub(crate) enum Failure {
     Rig(#[from] RigFileError),
     #[error(transparent)]
     Recording(#[from] RecordingError),
+    #[error(transparent)]
+    Reference(#[from] ReferenceError),
     #[error(transparent)]
     FreeRun(#[from] FreeRunError),
     #[error(transparent)]
@@ -127,6 +130,7 @@ impl Failure {
             Self::Fit(_)
             | Self::Rig(_)
             | Self::Recording(_)
+            | Self::Reference(_)
             | Self::FreeRun(_)
             | Self::Join(_)
             | Self::Faults(_)

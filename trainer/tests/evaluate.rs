@@ -48,6 +48,22 @@ fn what_cannot_be_joined_is_said() {
     assert!(!std::path::Path::new(&out).exists(), "nothing is left");
 }
 
+/// The line begins with the file, once, whatever is wrong with it.
+#[test]
+fn a_reference_that_cannot_be_followed_is_named_once() {
+    let folder = Folder::new("evaluate-reference");
+    let head = "time_s,ref_pos_kpa,ref_neg_kpa\n";
+    for (name, text) in [("none.csv", head.to_owned()), ("text.csv", format!("{head}0,80,low\n"))] {
+        let reference = folder.with(name, text);
+        let out = folder.path("tables");
+        let said = refused(["evaluate", "comparison", "--reference", &reference, "--seeds", "1", "--out", &out]);
+        assert_eq!(said.matches(&reference).count(), 1, "{said}");
+    }
+    let said =
+        refused(["evaluate", "comparison", "--reference", "nowhere.csv", "--seeds", "1", "--out", &folder.path("t")]);
+    assert_eq!(said.matches("nowhere.csv").count(), 1, "{said}");
+}
+
 #[test]
 fn a_table_that_could_not_be_written_is_refused_before_anything_is_run() {
     let folder = Folder::new("evaluate-out");

@@ -57,11 +57,31 @@ impl Adaptation {
     /// first, and may lose it again.
     pub(crate) fn swap(&mut self, name: &str, console: &mut dyn Console) -> Result<(), AdaptError> {
         self.in_control(console)?;
+        self.taking_over = Some(name.to_owned());
+        let taken = self.take_over(name, console);
+        // Refused, it does not come; whatever else ended the wait, it may still take over.
+        let asked = self.daemon.text(&["swap", name]);
+        let is_refused = matches!(&taken, Err(AdaptError::Failed { command, .. }) if *command == asked);
+        if taken.is_ok() || is_refused {
+            self.taking_over = None;
+        }
+        taken
+    }
+
+    fn take_over(&mut self, name: &str, console: &mut dyn Console) -> Result<(), AdaptError> {
         self.daemon.tell(&["swap", name], console)?;
         let most = Duration::from_secs(self.journal.settings.verdict_seconds);
         let began = Instant::now();
         let controls = |this: &Self, console: &mut dyn Console| -> Result<bool, AdaptError> {
-            Ok(this.in_control(console)?.policy == name && this.daemon.policy(name, console)?.0 == "active")
+            let controlling = this.in_control(console)?.policy;
+            match this.daemon.policy(name, console)? {
+                // It was not refused when it was asked for, so it has lost the command since and does not come back.
+                (state, why) if state == "refused" => {
+                    let command = this.daemon.text(&["swap", name]);
+                    Err(AdaptError::Failed { command, said: format!("{name} was refused on the rig ({why})") })
+                }
+                (state, _) => Ok(controlling == name && state == "active"),
+            }
         };
         while !controls(self, console)? {
             self.keep_moving(console)?;
@@ -123,8 +143,13 @@ impl Adaptation {
         let exported = ["export".to_owned(), text(&run), "--out".to_owned(), text(&policy)];
         self.computed(
             |this, console| {
-                // Ended after its time it keeps what it has, and says so with status 0.
+                // Ended after its time it keeps what it has, and says so with status 0; before anything is scored it has nothing.
                 this.daemon.programs.trainer(&arguments).at_most(most).done(console)?;
+                if !run.join("policy.bin").exists() {
+                    let what =
+                        "no policy yet to train on (--resume goes on with it; a new run takes a longer --train-seconds)";
+                    return Err(AdaptError::TooLong { what: what.to_owned(), seconds: most.as_secs() });
+                }
                 this.daemon.programs.trainer(&exported).done(console)
             },
             console,
@@ -211,6 +236,48 @@ fn back_and_forth(reference: &Reference) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::daemon::tests::stand_in;
+    use crate::judging::tests::{Said, flown_before, forget};
+
+    /// For the half second in which a policy takes over the daemon names the one before it, which is not to be taken for what is
+    /// left to control.
+    #[test]
+    fn what_has_been_asked_to_take_over_is_taken_back() {
+        let mut adaptation = flown_before("swapped", "");
+        let answers = r#"[ $1 = swap ] && echo $2 >> $here/swapped
+            case $1 in
+            status) echo '{"state": "run", "status": {"session": 5, "tick": 100}, "running": {"policy": "older"}}';;
+            policies) echo '{"policies": [{"name": "fallback", "state": "passed"}]}';;
+            esac"#;
+        adaptation.daemon.programs = stand_in(&adaptation.out, answers);
+        let before = r#"{"policy": "older", "model": "dual_pressure", "interventions": 0, "at": [5, 1]}"#;
+        adaptation.journal.before = Some(serde_json::from_str(before).unwrap());
+        (adaptation.journal.model_line, adaptation.moves_until) = (Some("taken".to_owned()), 200);
+        let swapped = adaptation.out.join("swapped");
+        let stopped = adaptation.swap(FALLBACK, &mut Said::stops_behind(swapped.clone()));
+        assert!(matches!(stopped, Err(AdaptError::Stopped)), "{stopped:?}");
+        assert!(adaptation.put_back(&mut Said::default()));
+        let swapped = std::fs::read_to_string(swapped).unwrap();
+        assert_eq!(swapped.lines().collect::<Vec<_>>(), [FALLBACK, "older"]);
+        forget(&adaptation);
+    }
+
+    /// A policy that the daemon refuses on the rig never controls: waiting for it would take the quarter of an hour that a verdict may.
+    #[test]
+    fn a_policy_that_is_refused_on_the_rig_is_not_waited_for() {
+        let mut adaptation = flown_before("refused", "");
+        let answers = r#"case $1 in
+            status) echo '{"state": "run", "status": {"session": 5, "tick": 100}, "running": {"policy": "fallback"}}';;
+            policies) echo '{"policies": [{"name": "older", "state": "refused",
+                "refusal": {"stage": "probation", "reason": "duties hunt"}}]}';;
+            esac"#;
+        adaptation.daemon.programs = stand_in(&adaptation.out, answers);
+        let began = Instant::now();
+        let said = adaptation.swap("older", &mut Said::default()).unwrap_err().to_string();
+        assert!(said.contains("swap older") && said.contains("probation: duties hunt"), "{said}");
+        assert!(began.elapsed() < Duration::from_secs(adaptation.journal.settings.verdict_seconds) / 10);
+        forget(&adaptation);
+    }
 
     #[test]
     fn a_reference_goes_back_and_forth_without_a_jump() {

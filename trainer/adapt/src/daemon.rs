@@ -24,6 +24,13 @@ const NO_TICK: &str = "no tick took it";
 /// … and how often it is asked again.
 const MORE_TRIES: usize = 2;
 
+/// Words of the daemon while it examines what somebody else has given it …
+const EXAMINES: [&str; 3] = ["is being loaded or checked", "another model is on its way", "is still being checked"];
+/// … and time in which it has done so, on a busy machine as well.
+const EXAMINED: Duration = Duration::from_secs(300);
+/// Between two questions whether it has.
+const EXAMINING: Duration = Duration::from_millis(500);
+
 /// Beginning of the conditions that another model may explain: a reading and the model are apart.
 const MODEL: &str = "model";
 
@@ -139,7 +146,8 @@ impl Daemon {
     /// # Errors
     /// The daemon's own line.
     pub fn tell(&self, arguments: &[&str], console: &mut dyn Console) -> Result<Said, AdaptError> {
-        self.command(arguments).done(console)
+        let step = self.command(arguments);
+        step.require_success(once_free(&step, console)?)
     }
 
     /// Asks as a step, whatever the answer.
@@ -147,7 +155,7 @@ impl Daemon {
     /// # Errors
     /// The command cannot be started, or everything is stopped.
     pub fn try_to(&self, arguments: &[&str], console: &mut dyn Console) -> Result<Said, AdaptError> {
-        self.command(arguments).run(console)
+        once_free(&self.command(arguments), console)
     }
 
     /// Asks for JSON.
@@ -230,20 +238,80 @@ impl Daemon {
     pub fn experiment(&self, csv: &Path, console: &mut dyn Console) -> Result<PathBuf, AdaptError> {
         let csv = csv.to_string_lossy();
         let step = self.command(&["experiment", csv.as_ref(), "--json"]);
-        let mut said = step.done(console);
+        let mut said = once_free(&step, console)?;
         // Nothing is wrong with the experiment then, and a narrower one would fare no better.
         for _ in 0..MORE_TRIES {
-            if !matches!(&said, Err(AdaptError::Failed { said, .. }) if said.contains(NO_TICK)) {
+            if said.status == Some(0) || !said.last_line().contains(NO_TICK) {
                 break;
             }
             std::thread::sleep(LOOK);
-            said = step.done(console);
+            said = once_free(&step, console)?;
         }
-        let said = said?;
+        let said = step.require_success(said)?;
         let reply: Value = serde_json::from_str(&said.out).unwrap_or_default();
         match reply["recording"].as_str() {
             Some(path) => Ok(self.config.parent().unwrap_or(Path::new("")).join(path)),
             None => Err(AdaptError::Failed { command: step.text(), said: "it names no recording".to_owned() }),
         }
+    }
+}
+
+/// Runs a command, again and again while the daemon examines something else: that answer says nothing of what was asked.
+fn once_free(step: &Step<'_>, console: &mut dyn Console) -> Result<Said, AdaptError> {
+    let began = Instant::now();
+    let mut said = step.run(console)?;
+    while said.status != Some(0)
+        && EXAMINES.iter().any(|words| said.last_line().contains(words))
+        && began.elapsed() < EXAMINED
+    {
+        if console.stop() {
+            return Err(AdaptError::Stopped);
+        }
+        console.waiting("the daemon examines something else first", began.elapsed(), Some(EXAMINED));
+        std::thread::sleep(EXAMINING);
+        said = step.run_silently(console)?;
+    }
+    Ok(said)
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::judging::tests::Said as Console;
+
+    /// A stand-in for `controller` in a folder of its own: a shell script, with the folder as `$here`.
+    pub(crate) fn stand_in(folder: &Path, script: &str) -> Programs {
+        std::fs::create_dir_all(folder).unwrap();
+        let controller = folder.join("controller");
+        let script = format!("#!/bin/sh\nhere={}\n{script}", folder.display());
+        // A child of its own writes it: one that another test starts meanwhile would hold it open, and it could not be run.
+        let write = ["-c", "printf '%s' \"$1\" > \"$2\" && chmod 755 \"$2\"", "sh", script.as_str()];
+        assert!(std::process::Command::new("sh").args(write).arg(&controller).status().unwrap().success());
+        Programs { controller, trainer: "trainer".into() }
+    }
+
+    /// While it examines a policy that somebody has published it takes neither an experiment nor a model, and has refused neither.
+    #[test]
+    fn a_daemon_that_examines_something_else_is_asked_again() {
+        let folder = std::env::temp_dir().join(format!("adapt-busy-{}", std::process::id()));
+        let busy = "echo asked >> $here/asked
+                    if [ $(wc -l < $here/asked) -lt 3 ]; then
+                        echo 'controller: another policy, model or experiment is being loaded or checked; try again' >&2
+                        exit 1
+                    fi
+                    echo '{\"recording\": \"recordings/experiment.mcap\"}'\n";
+        let daemon = Daemon { programs: stand_in(&folder, busy), config: folder.join("c.toml") };
+        let asked = || std::fs::read_to_string(folder.join("asked")).unwrap().lines().count();
+        let played = daemon.experiment(Path::new("minute.csv"), &mut Console::default()).unwrap();
+        assert_eq!((played, asked()), (folder.join("recordings/experiment.mcap"), 3));
+        std::fs::remove_file(folder.join("asked")).unwrap();
+        daemon.tell(&["model", "rig.toml"], &mut Console::default()).unwrap();
+        assert_eq!(asked(), 3);
+        // A refusal is one at once.
+        let refused = "echo asked >> $here/asked; echo 'rig.toml: it predicts worse' >&2; exit 1\n";
+        let daemon = Daemon { programs: stand_in(&folder, refused), ..daemon };
+        assert!(daemon.tell(&["model", "rig.toml"], &mut Console::default()).is_err());
+        assert_eq!(asked(), 4);
+        std::fs::remove_dir_all(folder).unwrap();
     }
 }

@@ -70,7 +70,7 @@ impl Adaptation {
             return Ok(false);
         }
         let path = self.model_before();
-        let model = proto::rig_file::load(&path.to_string_lossy()).map_err(|error| AdaptError::file(&path, error))?;
+        let model = proto::rig_file::load(&path.to_string_lossy())?;
         let spans = Spans::of(&model, &self.reference()?).map_err(|error| AdaptError::file(&path, error))?;
         for share in NARROWER {
             // Vented, it would refuse each; what the recordings gave may be what explains that.
@@ -143,6 +143,10 @@ impl Adaptation {
         let allowed = console.ask(
             "Tracking alone does not show enough. May the rig be driven by an experiment (two at most, of two minutes at most, within the safety limits)?",
         );
+        // Whoever stops everything has not answered: going on asks again.
+        if console.stop() {
+            return Err(AdaptError::Stopped);
+        }
         if !allowed {
             console.say("no experiment; the answer is what the recordings give (--allow-experiment allows it)");
         }
@@ -156,6 +160,20 @@ impl Adaptation {
 mod tests {
     use super::*;
     use crate::judging::tests::{START, Said, UNTIL, flown_before, forget};
+
+    /// He is asked again where the run goes on; a No would forbid its experiments for good.
+    #[test]
+    fn a_ctrl_c_at_the_question_is_no_answer() {
+        let mut adaptation = flown_before("asked", "");
+        assert!(matches!(
+            adaptation.may_experiment(&mut Said::stops_behind(adaptation.out.clone())),
+            Err(AdaptError::Stopped)
+        ));
+        assert_eq!(adaptation.journal.experiment_allowed, None);
+        assert!(!adaptation.may_experiment(&mut Said::default()).unwrap());
+        assert_eq!(adaptation.journal.experiment_allowed, Some(false), "a No is one");
+        forget(&adaptation);
+    }
 
     /// What was recorded since the flight ended is no part of it, however late the daemon is asked: there is none to ask here.
     #[test]

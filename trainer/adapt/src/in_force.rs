@@ -97,7 +97,12 @@ pub(crate) fn is_named(path: &Path, followed: &str) -> bool {
     let Ok(path) = std::path::absolute(path) else { return false };
     match followed.strip_suffix(CUT_OFF) {
         Some(begins) => path.to_string_lossy().starts_with(begins),
-        None => path == Path::new(followed),
+        // Through a link that has been there since, or is named otherwise.
+        None => {
+            let followed = Path::new(followed);
+            path == followed
+                || path.canonicalize().is_ok_and(|path| followed.canonicalize().is_ok_and(|followed| followed == path))
+        }
     }
 }
 

@@ -42,9 +42,9 @@ pub struct Flown {
     pub what: String,
     /// Figures.
     pub tracking: Tracking,
-    /// Minutes of the rig from the beginning until it was over.
+    /// Minutes of the rig from the beginning until it was over; nothing where they are not known.
     #[serde(default)]
-    pub rig_minutes: f64,
+    pub rig_minutes: Option<f64>,
     /// Place of its ticks in the daemon's recordings; nothing in the journal of an older program.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recorded: Option<TickSpan>,
@@ -151,7 +151,7 @@ pub struct Journal {
     /// The worst pressures of all sittings that are over: highest positive, lowest negative.
     #[serde(default)]
     pub worst: Option<[Worst; 2]>,
-    /// Ticks of the rig that were used.
+    /// Ticks of the rig that were used; 0 where the daemon has begun another session on the way.
     pub ticks: u64,
     /// Ticks among them that passed while this machine computed, or in lockstep beyond what real time has.
     #[serde(default)]
@@ -203,7 +203,12 @@ impl Journal {
                 format!("cannot be read: {error}; --resume takes the folder of a run that was begun"),
             )
         })?;
-        serde_json::from_str(&text).map_err(|error| AdaptError::file(&path, error))
+        serde_json::from_str(&text).map_err(|error| {
+            AdaptError::file(
+                &path,
+                format!("is damaged or of another program: {error}; begin anew, with another --out"),
+            )
+        })
     }
 
     /// Tells whether a folder has one.
@@ -221,9 +226,10 @@ impl Journal {
         Ok(atomic_file::write(&path, format!("{text}\n").as_bytes())?)
     }
 
-    /// Minutes of the rig that were used of so many ticks since the beginning.
-    pub fn rig_minutes(&self, ticks: u64) -> f64 {
-        ticks.saturating_sub(self.unused_ticks) as f64 / TICKS_PER_MIN
+    /// Minutes of the rig that were used of so many ticks since the beginning; nothing of none, which says that they were
+    /// not counted.
+    pub fn rig_minutes(&self, ticks: u64) -> Option<f64> {
+        (ticks > 0).then(|| ticks.saturating_sub(self.unused_ticks) as f64 / TICKS_PER_MIN)
     }
 
     /// Forgets what was changed and has been put back; what was learned stays.

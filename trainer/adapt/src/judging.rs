@@ -38,7 +38,7 @@ impl Adaptation {
 
     fn yardstick_of_the_found_rig(&self) -> Result<Yardstick, AdaptError> {
         let path = self.found_rig();
-        let rig = rig_file::load(&path.to_string_lossy()).map_err(|error| AdaptError::file(&path, error))?;
+        let rig = rig_file::load(&path.to_string_lossy())?;
         Ok(Yardstick::of(&rig))
     }
 
@@ -84,21 +84,32 @@ pub(crate) mod tests {
     use crate::settings::AdaptSettings;
     use model::observation::TICKS_PER_S;
     use proto::recording::{RecordingInfo, RecordingWriter};
+    use std::path::PathBuf;
     use std::time::Duration;
 
-    /// A console that keeps what is said.
+    /// A console that keeps what is said, and stops everything once a file is there.
     #[derive(Default)]
-    pub(crate) struct Said(Vec<String>);
+    pub(crate) struct Said {
+        lines: Vec<String>,
+        stops_behind: Option<PathBuf>,
+    }
+
+    impl Said {
+        /// One of an operator who stops everything once this file is there.
+        pub(crate) fn stops_behind(file: PathBuf) -> Self {
+            Said { stops_behind: Some(file), ..Said::default() }
+        }
+    }
 
     impl Console for Said {
         fn step(&mut self, _number: usize, _of: usize, _what: &str) {}
         fn command(&mut self, _command: &str) {}
         fn say(&mut self, text: &str) {
-            self.0.push(text.to_owned());
+            self.lines.push(text.to_owned());
         }
         fn waiting(&mut self, _what: &str, _elapsed: Duration, _most: Option<Duration>) {}
         fn stop(&self) -> bool {
-            false
+            self.stops_behind.as_ref().is_some_and(|file| file.exists())
         }
         fn ask(&mut self, _question: &str) -> bool {
             false
@@ -146,7 +157,7 @@ pub(crate) mod tests {
         adaptation.journal.flown.push(Flown {
             what: BEFORE.to_owned(),
             tracking: Tracking::of(ticks, &yardstick).unwrap(),
-            rig_minutes: 0.5,
+            rig_minutes: Some(0.5),
             recorded: Some(TickSpan { session: 5, start: START, until: UNTIL }),
             ended_after_s: None,
             squares: squares_by_second(ticks, START, &yardstick),
@@ -175,7 +186,7 @@ pub(crate) mod tests {
         let squares = before.judged_squares();
         let expected = (RATE * LAG_S).powi(2) + 0.09;
         assert!(squares.len() == 25 && squares.iter().flatten().all(|s| (s - expected).abs() < 1e-3), "{squares:?}");
-        let said = console.0.join("\n");
+        let said = console.lines.join("\n");
         assert!(
             said.contains(JUDGED_BEHIND_LATE_SENSORS) && said.contains("readings less reference: 0.000/0.300"),
             "{said}"
@@ -201,7 +212,7 @@ pub(crate) mod tests {
             let mut console = Said::default();
             adaptation.judge_before_again(&mut console).unwrap();
             assert_eq!(adaptation.journal, before);
-            assert!(console.0.iter().any(|said| said.contains("is not recorded any more")), "{:?}", console.0);
+            assert!(console.lines.iter().any(|said| said.contains("is not recorded any more")), "{:?}", console.lines);
             assert!(!adaptation.yardstick().unwrap().has_late_sensors());
             forget(&adaptation);
         }

@@ -65,6 +65,8 @@ use std::path::{Path, PathBuf};
 
 use proto::atomic_file::AtomicFileError;
 use proto::recording::ReadMcapError;
+use proto::reference::ReferenceError;
+use proto::rig_file::RigFileError;
 
 /// Why an adaptation does not come to its end.
 #[derive(Debug, thiserror::Error)]
@@ -83,6 +85,12 @@ pub enum AdaptError {
     /// A recording cannot be read.
     #[error(transparent)]
     Recording(#[from] ReadMcapError),
+    /// A rig file cannot be read.
+    #[error(transparent)]
+    Rig(#[from] RigFileError),
+    /// A reference cannot be read.
+    #[error(transparent)]
+    Reference(#[from] ReferenceError),
     /// A command cannot be started.
     #[error(
         "`{command}` cannot be started: {source}; the programs are looked for beside this one (--controller PROGRAM)"

@@ -57,7 +57,7 @@ impl Adaptation {
     /// Tells whether training has made a better policy than the one that it began from: a run keeps its best by flights on rigs around the
     /// model, and that may be the first. Then there is nothing to publish, which would cost minutes of the rig.
     pub(crate) fn has_learned(&mut self, console: &mut dyn Console) -> Result<bool, AdaptError> {
-        // A run that was stopped early has no summary; whether its policy is better the daemon finds out.
+        // Without a summary nothing is known of it; whether its policy is better the daemon finds out.
         let path = self.training_folder().join("summary.json");
         let Ok(text) = std::fs::read_to_string(&path) else { return Ok(true) };
         let run: RunSummary = serde_json::from_str(&text).map_err(|error| AdaptError::file(&path, error))?;

@@ -43,8 +43,9 @@ pub struct Outcome {
     pub policy: Option<String>,
     /// Experiments that were played.
     pub experiments: usize,
-    /// Minutes of the rig that were used, from the beginning to the end; computing is not among them.
-    pub rig_minutes: f64,
+    /// Minutes of the rig that were used, from the beginning to the end; computing is not among them. Nothing where the daemon has
+    /// begun another session on the way: nobody counted then.
+    pub rig_minutes: Option<f64>,
     /// Minutes that this machine computed.
     pub computing_minutes: f64,
     /// Highest positive and lowest negative pressure from the first tick to the last, experiments included, in kPa
@@ -154,16 +155,21 @@ impl Outcome {
             text += &format!("the late figures decide: {judged_by}\n");
         }
         text += &format!(
-            "\n{}\nkept: {}; {:.1} min of the rig and {:.1} min of computing, {} experiments; worst pressures: {}; commands bent by the safety filter: {}\n",
+            "\n{}\nkept: {}; {} of the rig and {:.1} min of computing, {} experiments; worst pressures: {}; commands bent by the safety filter: {}\n",
             self.headline,
             self.kept,
-            self.rig_minutes,
+            self.rig_time(),
             self.computing_minutes,
             self.experiments,
             self.extremes(),
             self.interventions.map_or_else(|| "not known".to_owned(), |n| n.to_string()),
         );
         text
+    }
+
+    /// Time of the rig in words.
+    fn rig_time(&self) -> String {
+        self.rig_minutes.map_or_else(|| "an unknown time".to_owned(), |minutes| format!("{minutes:.1} min"))
     }
 
     /// The worst pressures, and who was in control there.
@@ -188,7 +194,7 @@ impl Outcome {
             Report::new("Adaptation to a rig").subtitle(&format!("{}; kept: {}", self.headline, self.kept)).summary([
                 KeyFigure::new("RMSE before", &pair(before)).note(note),
                 KeyFigure::new("RMSE as kept", &pair(after)).note(note),
-                KeyFigure::new("Rig time", &format!("{:.1} min", self.rig_minutes))
+                KeyFigure::new("Rig time", &self.rig_time())
                     .note(&format!("and {:.1} min of computing", self.computing_minutes)),
                 KeyFigure::new("Worst pressures", &self.extremes()).note("experiments included"),
             ]);
@@ -256,7 +262,7 @@ mod tests {
         let flown = |what: &str, rmse_kpa, late_rmse_kpa| Flown {
             what: what.to_owned(),
             tracking: Tracking { rmse_kpa, late_rmse_kpa, noise_kpa: [0.06, 0.006], ticks: 2500 },
-            rig_minutes: 1.0,
+            rig_minutes: Some(1.0),
             recorded: Some(TickSpan { session: 5, start: 100, until: 3100 }),
             ended_after_s: None,
             squares: vec![Some(0.1); 55],
@@ -268,6 +274,16 @@ mod tests {
         journal.kept = Some("with the model".to_owned());
         journal.optimum_kpa = Some([0.06, 0.01]);
         Outcome::of(&journal, Path::new("out")).unwrap()
+    }
+
+    /// A daemon that was started anew on the way has counted from nothing: the ticks before it are not told as none.
+    #[test]
+    fn time_of_the_rig_is_not_known_behind_another_session() {
+        let late = [None, None];
+        assert_eq!((outcome(late).rig_minutes, outcome(late).rig_time()), (None, "an unknown time".to_owned()));
+        let known = Outcome { rig_minutes: Some(5.44), ..outcome(late) };
+        assert!(known.text().contains("; 5.4 min of the rig and 0.0 min of computing"), "{}", known.text());
+        assert!(outcome(late).text().contains("; an unknown time of the rig"), "{}", outcome(late).text());
     }
 
     /// A number that the recordings do not tell is not among what was learned.

@@ -2,6 +2,7 @@
 
 use std::ffi::OsStr;
 use std::io::Read;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -113,10 +114,14 @@ impl<'a> Step<'a> {
 
     /// Runs it to its end; for questions that are asked again and again.
     ///
+    /// A Ctrl-C on the terminal goes to a whole process group: in one of its own the command ends where the console
+    /// stops it, and a second Ctrl-C does not end what puts everything back.
+    ///
     /// # Errors
     /// As [`Step::run`].
     pub fn run_silently(&self, console: &mut dyn Console) -> Result<Said, AdaptError> {
         let started = ends_with_this(&mut Command::new(self.program))
+            .process_group(0)
             .args(&self.arguments)
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
@@ -135,7 +140,9 @@ impl<'a> Step<'a> {
         let lost = |source| AdaptError::Start { command: self.text(), source };
         loop {
             if let Some(status) = child.try_wait().map_err(lost)? {
-                return if is_stopping { Err(AdaptError::Stopped) } else { Ok(status.code()) };
+                // A Ctrl-C in the moment in which it is started still reaches it.
+                let is_stopped = is_stopping || (status.code().is_none() && console.stop());
+                return if is_stopped { Err(AdaptError::Stopped) } else { Ok(status.code()) };
             }
             if console.stop() && !is_stopping {
                 is_stopping = true;
@@ -159,7 +166,14 @@ impl<'a> Step<'a> {
     /// # Errors
     /// As [`Step::run`], and its last line where it fails.
     pub fn done(&self, console: &mut dyn Console) -> Result<Said, AdaptError> {
-        let said = self.run(console)?;
+        self.require_success(self.run(console)?)
+    }
+
+    /// Takes any exit status but 0 for a failure.
+    ///
+    /// # Errors
+    /// Its last line where it failed.
+    pub(crate) fn require_success(&self, said: Said) -> Result<Said, AdaptError> {
         match said.status {
             Some(0) => Ok(said),
             _ => Err(AdaptError::Failed { command: self.text(), said: said.last_line() }),
@@ -207,4 +221,21 @@ fn collect(pipe: Option<impl Read + Send + 'static>) -> Collected {
         })
     });
     Collected { text, thread }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::judging::tests::Said as Console;
+
+    /// The terminal sends a Ctrl-C to the group of the program that is in front: a child there would end in the midst of
+    /// what is put back.
+    #[test]
+    fn a_command_is_no_part_of_the_group_that_a_ctrl_c_ends() {
+        let programs = Programs { controller: "sh".into(), trainer: "sh".into() };
+        let group = programs.controller(["-c", "cut -d ' ' -f 5 /proc/$$/stat; echo $$"]);
+        let said = group.done(&mut Console::default()).unwrap();
+        let [group, own] = said.out.lines().collect::<Vec<_>>()[..] else { panic!("{said:?}") };
+        assert_eq!(group, own);
+    }
 }

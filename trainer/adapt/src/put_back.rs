@@ -70,7 +70,8 @@ impl Adaptation {
         let Some(before) = self.journal.before.clone() else { return true };
         let is_changed = self.journal.model_line.is_some() || self.journal.published.is_some();
         let mut is_restored = self.take_candidate_back(&mut console);
-        let policy = self.daemon.status(&mut console).map(|status| status.policy).ok();
+        let named = self.daemon.status(&mut console).map(|status| status.policy).ok();
+        let policy = self.taking_over.take().or(named);
         let mut back = Vec::new();
         if self.journal.model_line.is_some() {
             back.push(vec!["model".to_owned(), self.model_before().to_string_lossy().into_owned()]);

@@ -128,7 +128,7 @@ impl Rehearsal {
     ) -> Result<Self, AdaptError> {
         make_folder(folder.join("policies"))?;
         let rig_path = folder.join("concealed_rig.toml");
-        rig_file::save(&rig_path, rig).map_err(|error| AdaptError::file(&rig_path, error))?;
+        rig_file::save(&rig_path, rig)?;
         let config = folder.join("controller.toml");
         let mut rehearsal = Rehearsal { config, rig: None, daemon: None };
         let arguments = ["rig", "--listen", "127.0.0.1:0", "--pace", "lockstep", "--seed", &seed.to_string(), "--rig"];

@@ -47,14 +47,11 @@ impl Adaptation {
         Ok(Moment { at: self.daemon.status(console)?.at, wall: Instant::now() })
     }
 
-    /// Minutes of the rig that were used so far.
-    pub(crate) fn rig_minutes(&self, console: &mut dyn Console) -> Result<f64, AdaptError> {
+    /// Minutes of the rig that were used so far; nothing where the daemon has begun another session since.
+    pub(crate) fn rig_minutes(&self, console: &mut dyn Console) -> Result<Option<f64>, AdaptError> {
         let now = self.daemon.status(console)?.at;
-        let ticks = match &self.journal.before {
-            Some(before) if before.at.0 == now.0 => u64::from(now.1.wrapping_sub(before.at.1)),
-            _ => self.journal.ticks,
-        };
-        Ok(self.journal.rig_minutes(ticks))
+        let ticks = self.journal.before.as_ref().filter(|before| before.at.0 == now.0);
+        Ok(ticks.and_then(|before| self.journal.rig_minutes(u64::from(now.1.wrapping_sub(before.at.1)))))
     }
 
     /// Does what this machine's processors are needed for, while a rig that can stands still.

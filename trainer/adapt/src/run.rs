@@ -11,6 +11,7 @@ use crate::comparison::{Comparison, is_kept};
 use crate::daemon::{Daemon, DaemonStatus, Vented};
 use crate::journal::{BEFORE, Before, Journal};
 use crate::outcome::Outcome;
+use crate::paths::settled;
 use crate::programs::{Console, Programs};
 use crate::put_back::{Told, Unstoppable};
 use crate::recorded::{self, Inside};
@@ -55,6 +56,8 @@ pub struct Adaptation {
     pub(crate) moves_until: u32,
     /// The reference that the daemon was last seen to follow by this run's will or at its beginning, as the daemon names it.
     pub(crate) followed: Option<String>,
+    /// Policy that was asked to take over, until it does: in between the daemon names the one before it.
+    pub(crate) taking_over: Option<String>,
     /// Says whether it has been told that the daemon follows references of this run meanwhile.
     pub(crate) reference_told: Told,
 }
@@ -82,18 +85,21 @@ impl Adaptation {
         Self::of(Journal::read(out)?, out, programs, rig)
     }
 
-    fn of(journal: Journal, out: &Path, programs: Programs, rig: Box<dyn Pausable>) -> Result<Self, AdaptError> {
+    fn of(mut journal: Journal, out: &Path, programs: Programs, rig: Box<dyn Pausable>) -> Result<Self, AdaptError> {
+        let out = settled(out)?;
+        journal.found_again_in(&out);
         let config = journal.settings.config.clone();
         let folders = DaemonFolders::read(&config)?;
         let daemon = Daemon { programs, config };
         Ok(Adaptation {
-            out: out.to_owned(),
+            out,
             journal,
             daemon,
             folders,
             rig,
             moves_until: 0,
             followed: None,
+            taking_over: None,
             reference_told: Told::NotYet,
         })
     }
@@ -252,8 +258,7 @@ impl Adaptation {
     }
 
     pub(crate) fn reference(&self) -> Result<Reference, AdaptError> {
-        let path = self.recorded_reference();
-        Reference::read(&path).map_err(|error| AdaptError::file(&path, error))
+        Ok(Reference::read(&self.recorded_reference())?)
     }
 
     fn keep_what(&mut self, what: &str, console: &mut dyn Console) -> Result<(), AdaptError> {

@@ -87,7 +87,7 @@ impl FinetuneRun {
             ("from_crc32c", settings.from_crc32c.clone()),
             ("updates", self.position.updates.to_string()),
             ("updates_per_tick", settings.updates_per_tick.to_string()),
-            ("lambda_temporal", settings.lambda_at(self.position.steps).to_string()),
+            ("lambda_temporal", self.lambda_now().to_string()),
             ("last_recording", self.transitions.recording()),
         ]
         .map(|(key, value)| (key.to_owned(), value))

@@ -252,9 +252,9 @@ impl FinetuneRun {
         let steps = self.position.steps;
         let rate = self.training.learning_rate(steps);
         self.learner.set_learning_rate(rate).map_err(|error| TrainingError::learner("sac.learning_rate", &error))?;
-        let smooths = self.training.policy.variant.smooths();
-        let lambda = if smooths { self.settings.lambda_at(steps) } else { 0.0 };
-        self.learner.set_lambda_temporal(lambda).map_err(|error| TrainingError::learner("lambda_temporal", &error))?;
+        self.learner
+            .set_lambda_temporal(self.lambda_now())
+            .map_err(|error| TrainingError::learner("lambda_temporal", &error))?;
         let (times, began) = (self.settings.updates_per_tick, Instant::now());
         let report = match steps <= self.settings.critic_warm_up_steps {
             true => self.learner.update_critics(times),
@@ -331,6 +331,11 @@ impl FinetuneRun {
         if self.recent.taken() == self.position.steps { self.recent.rmse_kpa() } else { None }
     }
 
+    /// λ_T as far as the run has come.
+    pub(crate) fn lambda_now(&self) -> f32 {
+        self.settings.lambda_at(self.training.policy.variant, self.position.steps)
+    }
+
     /// Figures of the run so far.
     pub fn summary(&self) -> Summary {
         let rmse_kpa = self.rmse_kpa();
@@ -338,7 +343,7 @@ impl FinetuneRun {
             steps: self.position.steps,
             steps_planned: self.settings.steps,
             updates: self.position.updates,
-            lambda_temporal: f64::from(self.settings.lambda_at(self.position.steps)),
+            lambda_temporal: f64::from(self.lambda_now()),
             published: self.position.published,
             last_published: self.position.last_published.clone(),
             rmse_kpa,

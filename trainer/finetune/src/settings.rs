@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
+use training::Variant;
 
 /// Plan of a published policy whose actor answers for now alone: what MPObs rolls ahead.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -69,10 +70,10 @@ impl FinetuneSettings {
         format!("{:08x}", crc32c::crc32c(format!("{decides:?}").as_bytes()))
     }
 
-    /// λ_T at a transition.
-    pub fn lambda_at(&self, step: u64) -> f32 {
+    /// λ_T of a variant at a transition: none where actions are not made smooth, which the summary and the published file say too.
+    pub fn lambda_at(&self, variant: Variant, step: u64) -> f32 {
         let [start, growth, most] = self.lambda_temporal;
-        (start + growth * step as f64).min(most) as f32
+        if variant.smooths() { (start + growth * step as f64).min(most) as f32 } else { 0.0 }
     }
 }
 
@@ -100,9 +101,14 @@ mod tests {
     #[test]
     fn lambda_grows_as_in_table_iv() {
         let settings = settings();
-        assert_eq!(settings.lambda_at(0), 1.0);
-        assert!((settings.lambda_at(25_600) - 2.0).abs() < 1e-4, "half way after a quarter of the steps");
-        assert_eq!(settings.lambda_at(102_400), 3.0);
+        for variant in [Variant::Caps, Variant::Both] {
+            assert_eq!(settings.lambda_at(variant, 0), 1.0);
+            assert!((settings.lambda_at(variant, 25_600) - 2.0).abs() < 1e-4, "half way after a quarter of the steps");
+            assert_eq!(settings.lambda_at(variant, 102_400), 3.0);
+        }
+        for variant in [Variant::Raw, Variant::Mpobs] {
+            assert_eq!([0, 25_600, 102_400].map(|step| settings.lambda_at(variant, step)), [0.0; 3]);
+        }
     }
 
     #[test]
