@@ -100,7 +100,7 @@ fn write_aside(aside: &Path, path: &Path, bytes: &[u8]) -> Result<(), (AtomicFil
 }
 
 /// A name beside the target that no other process or thread uses.
-fn aside_path(path: &Path) -> io::Result<PathBuf> {
+pub(crate) fn aside_path(path: &Path) -> io::Result<PathBuf> {
     static COUNT: AtomicU32 = AtomicU32::new(0);
     let Some(name) = path.file_name() else {
         return Err(io::Error::from(io::ErrorKind::InvalidInput));

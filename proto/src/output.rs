@@ -11,7 +11,7 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use crate::atomic_file::{self, AtomicFileError};
 
@@ -81,6 +81,9 @@ pub fn check_file(file: &Path, bytes: u64) -> Result<(), OutputError> {
     if !folder.exists() {
         return Err(OutputError::NoSuchFolder { file: file.to_owned(), folder: folder.to_owned() });
     }
+    // It is written under a longer name first.
+    let aside = atomic_file::aside_path(file).unwrap_or_default();
+    takes_name(&aside).map_err(|source| OutputError::Unwritable { path: file.to_owned(), source })?;
     probe(file, folder, bytes)
 }
 
@@ -101,11 +104,26 @@ fn probe(asked: &Path, folder: &Path, bytes: u64) -> Result<(), OutputError> {
     if !there.is_dir() {
         return Err(unwritable(io::Error::from(io::ErrorKind::NotADirectory)));
     }
+    let names = asked.components().filter_map(|component| match component {
+        Component::Normal(name) => Some(there.join(name)),
+        _ => None,
+    });
+    for name in names.chain([asked.to_owned()]) {
+        takes_name(&name).map_err(unwritable)?;
+    }
     let aside = there.join(format!(".probe-{}.tmp", std::process::id()));
     let written = fill(&aside, bytes);
     // A probe that cannot be removed is only litter, and the first error is the one to tell.
     let _ = std::fs::remove_file(&aside);
     written.map_err(unwritable)
+}
+
+/// Refuses a path that is too long for its disk, or a name in it, whether or not anything is there.
+fn takes_name(path: &Path) -> io::Result<()> {
+    match path.symlink_metadata() {
+        Err(error) if error.kind() == io::ErrorKind::InvalidFilename => Err(error),
+        _ => Ok(()),
+    }
 }
 
 fn fill(path: &Path, bytes: u64) -> io::Result<()> {
@@ -204,6 +222,25 @@ mod tests {
         let nowhere = folder.join("not/there.csv");
         assert!(matches!(check_file(&nowhere, 1), Err(OutputError::NoSuchFolder { .. })));
         check_file(Path::new("/dev/null"), 1 << 40).unwrap();
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// A probe beside the place has a short name: that of the place itself was found too long by the writing, behind the work.
+    #[test]
+    fn names_that_are_too_long_are_told_before_the_work() {
+        let folder = folder("long-names");
+        // 255 bytes are the most on the disks of today.
+        let long = "x".repeat(300);
+        for place in [folder.join(&long), folder.join("not/yet").join(&long).join("there")] {
+            assert!(matches!(check_folder(&place, 1), Err(OutputError::Unwritable { .. })), "{}", place.display());
+        }
+        check_folder(&folder.join("x".repeat(250)), 1).unwrap();
+        // The name under which a file is written first is longer than its own.
+        for (length, fits) in [(300, false), (250, false), (200, true)] {
+            let file = folder.join("x".repeat(length));
+            assert_eq!(check_file(&file, 1).is_ok(), fits, "{length}");
+            assert_eq!(atomic_file::write(&file, b"x").is_ok(), fits, "{length}");
+        }
         std::fs::remove_dir_all(&folder).unwrap();
     }
 

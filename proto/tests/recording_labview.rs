@@ -157,3 +157,103 @@ fn labview_units_that_stand_elsewhere_are_refused_with_their_line() {
         assert!(said.contains("u_pos,u_neg,p_pos_kpa,p_neg_kpa") && said.contains("unit = "), "{units:?}: {said}");
     }
 }
+
+/// A LabVIEW file of two segments whose commands are written at 10 Hz and whose pressures at 50 Hz, as their heads alone say: no column of
+/// times, or one of the first channel. `heads` are the rows with a cell for each channel, by segment.
+fn own_heads(columns: &str, heads: [&str; 2]) -> String {
+    let mut text = format!("LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\t{columns}\n***End_of_Header***\t\n\t\n");
+    for (segment, head) in heads.into_iter().enumerate() {
+        text += &format!(
+            "Channels\t4\n{head}\nY_Unit_Label\t-\t-\tkPa\tkPa\n***End_of_Header***\t\nX_Value\tu_pos\tu_neg\tp_pos_kpa\tp_neg_kpa\tComment\n"
+        );
+        for k in 0..ROWS {
+            let slow = if 5 * k < ROWS { command(5 * k) } else { "" };
+            let time = if columns == "One" && 5 * k < ROWS { format!("{:.2}", 0.1 * k as f64) } else { String::new() };
+            let [.., p_pos, p_neg] = cells(segment * ROWS + k);
+            text += &format!("{time}\t{slow}\t{slow}\t{p_pos}\t{p_neg}\n");
+        }
+    }
+    text
+}
+
+/// Commands that change every tenth row.
+fn command(k: usize) -> &'static str {
+    if (k / 10).is_multiple_of(2) { "0.5" } else { "0.7" }
+}
+
+/// Rows and clocks of a segment's head: `Date`, `Time`, `X0` and `Delta_X` of each channel.
+fn head(clocks: [&str; 2], x0: [&str; 2]) -> String {
+    let each =
+        |[of_commands, of_pressures]: [&str; 2]| [of_commands, of_commands, of_pressures, of_pressures].join("\t");
+    format!(
+        "Date\t{}\nTime\t{}\nX0\t{}\nDelta_X\t{}",
+        each(["2026/03/04"; 2]),
+        each(clocks),
+        each(x0),
+        each(["0.1", "0.02"])
+    )
+}
+
+/// Samples of channels in one row were taken at different times where their steps differ: read by the first step, pressures were stretched
+/// five times, and nothing said so.
+#[test]
+fn labview_channels_have_the_times_of_their_own_heads() {
+    for columns in ["No", "One"] {
+        // The second segment follows the first by its clock, or by `X0` where no column of times begins there.
+        let by_x0 = (columns == "No").then(|| head(["10:00:00.00"; 2], ["1.2"; 2]));
+        for second in [head(["10:00:01.20"; 2], ["0.0"; 2])].into_iter().chain(by_x0) {
+            let first = head(["10:00:00.00"; 2], ["0.0"; 2]);
+            let of = read(own_heads(columns, [&first, &second]), &paper()).unwrap();
+            assert_eq!((of.rows(), of.measured()), (2 * ROWS, None), "{columns}: {:?}", of.notes());
+            for (at, name) in [(2, "p_pos_kpa"), (3, "p_neg_kpa")] {
+                let expected: Vec<f64> = (0..2 * ROWS).map(|k| cells(k)[at].parse().unwrap()).collect();
+                assert_eq!(of.column(name).unwrap(), expected, "{columns} {name}");
+            }
+            for name in ["u_pos", "u_neg"] {
+                let expected: Vec<f64> = (0..2 * ROWS).map(|k| command(k % ROWS).parse().unwrap()).collect();
+                assert_eq!(of.column(name).unwrap(), expected, "{columns} {name}");
+            }
+            assert!(of.notes().join("\n").contains("times of each channel as its own head says"), "{:?}", of.notes());
+        }
+    }
+}
+
+/// Devices that began one after the other, by their clocks or by `X0`: the second one's samples belong to later rows.
+#[test]
+fn labview_channels_that_began_later_stand_in_later_rows() {
+    for (clocks, x0) in [
+        (["10:00:00.00", "10:00:00.10"], ["0.0", "0.0"]),
+        (["10:00:00.00", "10:00:00.00"], ["0.0", "0.1"]),
+        (["10:00:00.04", "10:00:00.00"], ["0.0", "0.14"]),
+    ] {
+        let text = own_heads("No", [&head(clocks, x0), ""]);
+        let of = read(text.split_at(text.rfind("Channels").unwrap()).0, &paper()).unwrap();
+        // Five rows of commands before the first pressure are left out: no run begins without all pressures.
+        assert_eq!(of.rows(), ROWS, "{clocks:?}: {:?}", of.notes());
+        for k in 0..ROWS - 10 {
+            assert_eq!(of.column("u_pos").unwrap()[k], command(k + 5).parse::<f64>().unwrap(), "{clocks:?} row {k}");
+            assert_eq!(of.column("p_pos_kpa").unwrap()[k], cells(k)[2].parse::<f64>().unwrap(), "{clocks:?} row {k}");
+        }
+    }
+    // Times that are counted from an instant of their own do not depend on clocks.
+    let text = own_heads("No", [&head(["10:00:00.00", "10:00:00.10"], ["0.0"; 2]), ""])
+        .replace("X_Columns", "Time_Pref\tAbsolute\nX_Columns");
+    let of = read(text.split_at(text.rfind("Channels").unwrap()).0, &paper()).unwrap();
+    assert_eq!(of.column("u_pos").unwrap()[5], command(5).parse::<f64>().unwrap());
+    assert_eq!(of.column("u_pos").unwrap()[10], command(10).parse::<f64>().unwrap());
+}
+
+/// A step at the wrong channel stretches its times.
+#[test]
+fn labview_times_that_may_be_those_of_other_channels_are_refused_with_their_line() {
+    let whole = head(["10:00:00.00"; 2], ["0.0"; 2]);
+    for (from, to, line, why) in [
+        ("Delta_X\t0.1\t0.1\t0.02\t0.02", "Delta_X\t0.1\t0.02", 9, "there are cells for 2 of 4 channels"),
+        ("Delta_X\t0.1\t0.1\t0.02\t0.02", "Delta_X\t0.1\t\t0.02\t0.02", 9, "not every channel has one"),
+        ("X0\t0.0\t0.0\t0.0\t0.0", "X0\t0.0\t0.0\tnone\t0.0", 8, "none is no number"),
+    ] {
+        let said = refused(own_heads("No", [&whole.replace(from, to), &whole]), &paper());
+        assert!(said.contains(&format!("line {}: the times ", line + 1)) && said.contains(why), "{said}");
+        assert!(said.contains("u_pos,u_neg,p_pos_kpa,p_neg_kpa") && said.contains("X_Columns Multi"), "{said}");
+    }
+}

@@ -106,7 +106,9 @@ fn words_for_relays_and_numbers_for_nothing_are_known() {
     };
     let of = assert_read(&table(&|_, _| {}));
     assert_eq!((of.column("pump_on").unwrap()[39], of.column("pump_on").unwrap()[40]), (1.0, 0.0));
-    for word in ["-9999", "Inf", "-999.0", "1e999"] {
+    for word in
+        ["-9999", "Inf", "-999.0", "1e999", "9.9E37", "9.91E+37", "1E30", "-3.4e38", "n.d.", "Over", "---.--", "-∞"]
+    {
         let of = read(&table(&|k, n| {
             if k == 30 {
                 n[2] = word.to_owned();
@@ -162,4 +164,18 @@ fn milliseconds_may_stand_in_a_column_of_their_own() {
     let counted = "timestamp,ms,u_pos,u_neg,p_pos_kpa,p_neg_kpa\n".to_owned()
         + &rows(|k, n| format!("2026-03-29 {},{},{}", clock(k), 990 + k, n.join(",")));
     assert!(read(&counted).unwrap_err().to_string().contains("rounded"));
+}
+
+/// Taken for µs, as they seem to be by their distance alone, rows would stand ten times too far apart.
+#[test]
+fn steps_of_100_ns_are_those_of_windows_and_of_net() {
+    for (first, words) in [(134_000_000_000_000_000_u64, "since 1601"), (639_000_000_000_000_000, "since the year 1")] {
+        let text = "time,u_pos,u_neg,p_pos_kpa,p_neg_kpa\n".to_owned()
+            + &rows(|k, n| format!("{},{}", first + 200_000 * k as u64, n.join(",")));
+        let of = assert_read(&text);
+        assert_eq!(of.segments().len(), 1, "{words}");
+        // Between numbers as large as those of .NET lie 128 such steps, so that one is off by half of that, 6.4 µs, at most.
+        assert!((of.time_s()[ROWS - 1] - of.time_s()[0] - 0.02 * (ROWS - 1) as f64).abs() < 7e-6, "{words}");
+        assert!(of.notes().join(" ").contains(words), "{words}: {:?}", of.notes());
+    }
 }

@@ -65,6 +65,19 @@ fn what_cannot_be_read_is_told_with_the_line_that_helps() {
     let pivot = "read_csv('FILE', comment='#').pivot(index='_time', columns='_field', values='_value')";
     assert!(said.contains("one row per channel") && said.contains(pivot), "{said}");
 
+    // Beside the values a quality and a finer clock, which are numbers as well; whole seconds do not tell rows apart.
+    let rows: String = (0..ROWS)
+        .flat_map(|k| NAMES[1..].iter().enumerate().map(move |(at, name)| (at, *name, k)))
+        .map(|(at, name, k)| {
+            let value = format!("{:.4}", cells(k)[at + 1]).replace('.', ",");
+            format!("\"{name}\";\"01.05.2026 12:00:0{}\";{value};1;{}\r\n", k / 50, 20 * k)
+        })
+        .collect();
+    let said = read_with("", format!("\"VarName\";\"TimeString\";\"VarValue\";\"Validity\";\"Time_ms\"\r\n{rows}"))
+        .unwrap_err();
+    let pivot = "read_csv('FILE', sep=None, engine='python', decimal=',').pivot(index='Time_ms', columns='VarName', values='VarValue')";
+    assert!(said.contains("one row per channel") && said.contains(pivot), "{said}");
+
     let stamped = lines(|k, row| format!("1774749585,{},{}", 20_000_000 * k, row[1..].join(",")));
     let text = format!("header.stamp.sec,header.stamp.nanosec,{}\n{stamped}", NAMES[1..].join(","));
     let key = "time = [{ from = \"header.stamp.sec\" }, { from = \"header.stamp.nanosec\", scale = 1e-9 }]";
@@ -80,6 +93,35 @@ fn what_cannot_be_read_is_told_with_the_line_that_helps() {
 
     let said = read_with("", vec![0; 1 << 16]).unwrap_err();
     assert!(said.contains("nothing but zero bytes"), "{said}");
+}
+
+/// Columns that only the level above tells apart cannot be asked for by the last one's name.
+#[test]
+fn names_that_stand_twice_in_the_last_level_have_those_above_before_them() {
+    let plain = lines(|_, row| row.join(","));
+    let text = format!(",run,run,run,run\n,u,u,p,p\n,pos,neg,pos,neg\nt,,,,\n{plain}");
+    let said = read_with("", &text).unwrap_err();
+    assert!(said.contains("t,u pos,u neg,p pos,p neg"), "{said}");
+    let map = ["u_pos", "u_neg"].map(|name| format!("columns.{name} = \"{}\"\n", name.replace('_', " "))).concat()
+        + "columns.p_pos_kpa = \"p pos\"\ncolumns.p_neg_kpa = \"p neg\"\n";
+    let of = read_with(&map, &text).unwrap();
+    for (at, name) in NAMES.iter().enumerate().skip(1) {
+        assert!((of.column(name).unwrap()[7] - cells(7)[at]).abs() < 1e-4, "{name}");
+    }
+}
+
+/// An oscilloscope's file: a line of names that holds numbers, and one of units below it.
+#[test]
+fn names_that_are_given_stand_for_the_line_that_is_given() {
+    let plain = lines(|_, row| row.join(","));
+    let text = format!("x-axis,1,2,3,4\nsecond,Volt,Volt,Volt,Volt\n{plain}");
+    let map = format!("header_line = 2\nnames = {NAMES:?}");
+    let of = read_with(&map, &text).unwrap();
+    assert_eq!((of.rows(), of.segments().len()), (ROWS, 1), "{:?}", of.notes());
+    assert_eq!(of.column("u_pos").unwrap()[0], 0.5);
+    // Rows above that look like data are none.
+    let text = format!("9,9,9,9,9\n9,9,9,9,9\n{plain}");
+    assert_eq!(read_with(&map, &text).unwrap().column("u_pos").unwrap()[0], 0.5);
 }
 
 /// The key that is told of a command or a relay in another range is accepted as it stands, and makes the numbers that were meant.

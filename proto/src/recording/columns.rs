@@ -21,9 +21,14 @@ use crate::recording::table::rules::{LEAST_READING_KPA, below_vacuum};
 /// A command may be so far beyond 0 … 1, by the rounding of a scale such as 0.00392; it is cut off there.
 const ROUNDING: f64 = 1e-3;
 
-/// Numbers that loggers write for no reading, beyond any pressure: the round numbers are those of data acquisition programs, the others the
-/// least that 16 bits and a float hold.
-const NO_READING: [f64; 8] = [-999.0, -999.9, -9999.0, -99_999.0, -999_999.0, -32_768.0, -1e30, -1e38];
+/// Numbers that loggers write for no reading, beyond any pressure: the round numbers are those of data acquisition programs, the last the
+/// least that 16 bits hold.
+const NO_READING: [f64; 6] = [-999.0, -999.9, -9999.0, -99_999.0, -999_999.0, -32_768.0];
+/// Size from which on any number says so: instruments write 9.9E37 for what is beyond their range and 9.91E37 for nothing (SCPI), others
+/// 1E30, 1E38 or the most that a float holds.
+const BEYOND_ALL: f64 = 1e30;
+/// Pressure beyond which such a number lies in every unit (kPa).
+const MOST_READING_KPA: f64 = 1e9;
 /// Readings that go further up than down by so much do not go below the atmosphere: what they do is scatter about it.
 const MOSTLY_ABOVE: f64 = 10.0;
 
@@ -206,7 +211,7 @@ pub(super) fn made(
         for (row, (slot, x)) in made.numbers.iter_mut().zip(in_rig_unit.numbers).enumerate() {
             *slot += term.of(x);
             // No pressure: the row has none.
-            if markers.contains(&row) && *slot < LEAST_READING_KPA {
+            if markers.contains(&row) && !(LEAST_READING_KPA..MOST_READING_KPA).contains(slot) {
                 *slot = f64::NAN;
             }
         }
@@ -217,8 +222,13 @@ pub(super) fn made(
 /// Rows in which the logger wrote its number for no reading, where they are few.
 fn markers(numbers: &[f64]) -> Vec<usize> {
     let rows: Vec<usize> =
-        (0..numbers.len()).filter(|row| numbers.get(*row).is_some_and(|x| NO_READING.contains(x))).collect();
+        (0..numbers.len()).filter(|row| numbers.get(*row).copied().is_some_and(is_no_reading)).collect();
     if 3 * rows.len() < numbers.len() { rows } else { Vec::new() }
+}
+
+/// Tells whether a number is one that loggers write for no reading.
+fn is_no_reading(number: f64) -> bool {
+    number.abs() >= BEYOND_ALL || NO_READING.contains(&number)
 }
 
 /// The error of a column whose first cell is no number: of a whole column of text, or of a row that the logger had nothing for.
@@ -325,7 +335,7 @@ fn are_many(numbers: &[f64], is_wrong: impl Fn(f64) -> bool) -> bool {
 /// Likely kind of a reading below any vacuum, and the key that says so.
 fn of_reading(rig: &Rig, (name, title): (&str, &str), value: f64, made: &Made) -> String {
     let key = |rest: &str| format!("[recording] columns.{name} = {{ from = {}, {rest} }}", toml_text(title));
-    if NO_READING.contains(&value) {
+    if is_no_reading(value) {
         return "; it seems to be what the logger writes for no reading: leave out rows without a reading".to_owned();
     }
     let Some((_, sensor)) = rig.sensor_of(name) else {

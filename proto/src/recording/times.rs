@@ -59,6 +59,8 @@ const NAMES: [(&str, Option<f64>); 26] = [
     ("t_min", Some(60.0)),
     ("time_min", Some(60.0)),
 ];
+/// Names of times in other languages, of which some mean something else in English (`temps`): asked for last.
+const NAMES_ELSEWHERE: [&str; 4] = ["temps", "tiempo", "tempo", "tijd"];
 /// Marks between the name of a time and its unit: `elapsed_ms`, `time-min`.
 const UNIT_MARKS: [char; 3] = ['_', '-', ' '];
 
@@ -286,6 +288,7 @@ fn guessed(sheet: &Sheet<'_>) -> Option<Vec<usize>> {
         those.next().filter(|_| those.next().is_none())
     };
     let named = NAMES.iter().find_map(|(name, _)| called(name)).or_else(|| with_its_unit(sheet));
+    let named = named.or_else(|| NAMES_ELSEWHERE.iter().find_map(|name| called(name)));
     if let Some(at) = named.or_else(|| NAMES.iter().find_map(|(name, _)| is_field(name))) {
         return Some(vec![at]);
     }

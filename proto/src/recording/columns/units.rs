@@ -24,7 +24,7 @@ pub(crate) enum Unit {
 }
 
 /// kPa per unit of pressure.
-const PRESSURES: [(&str, f64); 24] = [
+const PRESSURES: [(&str, f64); 48] = [
     ("kpa", 1.0),
     ("pa", 1e-3),
     ("hpa", 0.1),
@@ -49,6 +49,30 @@ const PRESSURES: [(&str, f64); 24] = [
     ("n/m2", 1e-3),
     ("n/mm2", 1e3),
     ("kn/m2", 1.0),
+    ("kg/cm2", 98.066_5),
+    ("dbar", 10.0),
+    ("ubar", 1e-4),
+    ("cmhg", 1.333_223_874_15),
+    ("mmws", 0.009_806_65),
+    ("cmws", 0.098_066_5),
+    ("mws", 9.806_65),
+    ("pascal", 1e-3),
+    ("hectopascal", 0.1),
+    ("kilopascal", 1.0),
+    ("megapascal", 1e3),
+    ("millibar", 0.1),
+    ("bars", 100.0),
+    ("mbars", 0.1),
+    ("pascals", 1e-3),
+    ("hectopascals", 0.1),
+    ("kilopascals", 1.0),
+    ("megapascals", 1e3),
+    ("millibars", 0.1),
+    ("decibar", 10.0),
+    ("decibars", 10.0),
+    ("microbar", 1e-4),
+    ("microbars", 1e-4),
+    ("atmospheres", 101.325),
 ];
 
 /// s per unit of time.
@@ -93,13 +117,15 @@ impl Unit {
                 'µ' | 'μ' => 'u',
                 '₂' | '²' => '2',
                 '°' => ' ',
+                'Ü' => 'ü',
                 c => c.to_ascii_lowercase(),
             })
-            // `kPa (gauge)`, `bar(a)`: brackets within a unit are as good as none.
-            .filter(|c| !c.is_whitespace() && !matches!(c, '_' | '.' | '(' | ')'))
+            // `kPa (gauge)`, `bar(a)`: brackets within a unit are as good as none, and so is the mark before an exponent (`N/m^2`).
+            .filter(|c| !c.is_whitespace() && !matches!(c, '_' | '.' | '^' | '(' | ')'))
             .collect();
         match plain.as_str() {
             "%" | "percent" | "pct" => return Some(Unit::Share(0.01)),
+            "‰" | "permille" | "permil" => return Some(Unit::Share(1e-3)),
             "-" | "1" | "--" | "none" | "duty" | "0-1" | "0…1" | "bool" | "onoff" | "on/off" => {
                 return Some(Unit::Share(1.0));
             }
@@ -124,6 +150,9 @@ impl Unit {
             ("gauge", false),
             ("relative", false),
             ("rel", false),
+            // `barü`, and `ue` where a logger has no umlaut: against the air, in German.
+            ("ü", false),
+            ("ue", false),
             ("g", false),
             ("a", true),
         ] {
@@ -198,7 +227,15 @@ mod tests {
             ("V", Unit::Volt(1.0)),
             ("mV", Unit::Volt(1e-3)),
             ("mA", Unit::Loop(1.0)),
+            ("N/m^2", Unit::Gauge(1e-3)),
+            ("kgf/cm^2", Unit::Gauge(98.066_5)),
+            ("Pascal", Unit::Gauge(1e-3)),
+            ("kilopascals (abs.)", Unit::Absolute(1.0)),
+            ("mbarÜ", Unit::Gauge(0.1)),
+            ("mmWS", Unit::Gauge(0.009_806_65)),
+            ("cmHg", Unit::Gauge(1.333_223_874_15)),
             ("%", Unit::Share(0.01)),
+            ("‰", Unit::Share(1e-3)),
             ("-", Unit::Share(1.0)),
             ("ms", Unit::Time(1e-3)),
             ("µs", Unit::Time(1e-6)),

@@ -225,21 +225,25 @@ pub enum CsvError {
         /// A guess at the reason, or nothing.
         mend: &'static str,
     },
-    /// Units in the head of a LabVIEW segment that may be those of other channels.
+    /// Cells in the head of a LabVIEW segment that may be those of other channels.
     #[error(
-        "{file}: line {line}: the units {found} do not say which of the channels {channels} each belongs to: {why}; write each in the column of its channel, or take the line out and say them in the rig file: [recording] columns.… = {{ from = \"…\", unit = \"…\" }}"
+        "{file}: line {line}: the {what} {found} do not say which of the channels {channels} each belongs to: {why}; write each in the column of its channel, or {instead}"
     )]
-    ChannelUnits {
+    ChannelCells {
         /// The file.
         file: String,
-        /// Line of the units, from 1.
+        /// Line of the cells, from 1.
         line: u64,
-        /// The units.
+        /// Meaning of the cells, in words.
+        what: &'static str,
+        /// The cells.
         found: String,
         /// Names of the channels.
         channels: String,
         /// The reason.
         why: String,
+        /// Another mend.
+        instead: &'static str,
     },
     /// A second header that names other columns than the first, or other units.
     #[error(

@@ -8,9 +8,9 @@ use model::rig::Decimal;
 const GROUP_MARKS: [char; 5] = ['\'', '\u{2019}', '\u{a0}', '\u{202f}', '\u{2009}'];
 
 /// Words that loggers write where they have nothing, besides nothing at all and NaN.
-const NOTHING: [&str; 20] = [
+const NOTHING: [&str; 25] = [
     "-", "--", "---", "na", "n/a", "#n/a", "<na>", "null", "<null>", "none", "nat", "ol", "ovf", "#ovf", "err",
-    "error", "bad", "invalid", "no data", "missing",
+    "error", "bad", "invalid", "no data", "missing", "n.a.", "n.d.", "nd", "over", "under",
 ];
 /// Beginnings of what C's library on Windows writes for NaN and infinity (`1.#QNAN`, `-1.#IND00`, `-nan(ind)`), a sign before them aside.
 const NOT_FINITE: [&str; 2] = ["1.#", "nan("];
@@ -26,9 +26,13 @@ pub(crate) fn says_nothing(text: &str) -> bool {
     let is_full_of = |mark: char| text.chars().all(|c| c == mark);
     text.is_empty()
         || is_not_finite(&unsigned)
+        // A display without a reading: `---.--`.
+        || (text.contains('-') && text.chars().all(|c| matches!(c, '-' | '.' | ',')))
         // A field that its number was too wide for (Fortran), and a reading that nobody knows.
         || is_full_of('*')
         || is_full_of('?')
+        // An oscilloscope's word for what is beyond its range.
+        || unsigned == "\u{221e}"
         || NOTHING.iter().any(|nothing| text.eq_ignore_ascii_case(nothing))
         || (text.starts_with('#') && text.ends_with('!'))
 }

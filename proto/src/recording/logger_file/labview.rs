@@ -5,12 +5,14 @@
 //! step. Rows follow a line of names that begins with `X_Value`; without a column of times that name may be blank or absent. Segments with
 //! the same names are one recording: times go on from segment to segment where `X0` does; where each begins at the same `X0`, its clock
 //! says when; where that stands still as well, rows follow each other. Columns of times that begin anew in each segment are put in order by
-//! the same clocks ([`super::labview_segments`]).
+//! the same clocks ([`super::labview_segments`]). Channels may have times of their own within a segment ([`super::labview_channels`]).
 
 use std::borrow::Cow;
+use std::ops::Range;
 
 use model::rig::{Decimal, RecordingMap, Separator};
 
+use super::labview_channels::{self, ChannelTimes, Clocks};
 use super::labview_segments::{self, SetBack};
 use super::labview_units::ChannelRows;
 use super::logger_text::{LastRow, Row, fill, filled, next};
@@ -48,6 +50,8 @@ struct Segment {
     step_s: f64,
     /// `Date` and `Time` when it began, as written.
     clock: [String; 2],
+    /// Times of its channels, where they are not all the same.
+    channels: Vec<ChannelTimes>,
 }
 
 /// Reads such a file.
@@ -63,6 +67,10 @@ pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
         Some(",") => Decimal::Comma,
         _ => Decimal::Point,
     });
+    let clocks = match value_of(text, "Time_Pref") {
+        Some("Absolute") => Clocks::Aside,
+        _ => Clocks::Counted,
+    };
     let grammar = Grammar { separator, comments: Comments::No };
     let mut walk = Rows::with(text.as_bytes(), grammar);
     let (mut cells, mut rows): (_, Vec<Row<'a>>) = (Vec::new(), Vec::new());
@@ -90,6 +98,7 @@ pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
             _ if first == TIME || are_names => {
                 in_head = false;
                 segment.line = line;
+                segment.channels = channel_rows.times(file, &row, decimal, clocks)?;
                 segments.push(segment.clone());
                 let units = channel_rows.units(file, &row)?;
                 if head.line.is_none() {
@@ -170,16 +179,15 @@ impl Segment {
     }
 }
 
-/// Times of the first rows of segments (s), which have `rows` each.
-fn begun_s(segments: &[Segment], rows: &[usize]) -> Result<Vec<f64>, SetBack> {
+/// Times of the first rows of segments (s), which last so long.
+fn begun_s(segments: &[Segment], lasts_s: &[f64]) -> Result<Vec<f64>, SetBack> {
     let first = segments.first().map_or(0.0, |segment| segment.first_s);
     if segments.iter().any(|segment| segment.first_s != first) {
         return Ok(segments.iter().map(|segment| segment.first_s).collect());
     }
     let clocks_s = clocks_s(segments);
     if clocks_s.windows(2).any(|pair| pair[0] != pair[1]) {
-        let lasts = segments.iter().zip(rows).map(|(segment, rows)| segment.step_s * *rows as f64);
-        let ends = clocks_s.iter().zip(lasts).map(|(begun, lasts)| begun + lasts);
+        let ends = clocks_s.iter().zip(lasts_s).map(|(begun, lasts)| begun + lasts);
         let early = ends.zip(clocks_s.iter().skip(1)).map(|(end, next)| end - next);
         if let Some(set_back) = early.zip(1..).find_map(|(early_s, next)| SetBack::of(next, early_s, &clocks_s)) {
             return Err(set_back);
@@ -188,9 +196,9 @@ fn begun_s(segments: &[Segment], rows: &[usize]) -> Result<Vec<f64>, SetBack> {
         return Ok(clocks_s.iter().map(|clock| first + clock - begun).collect());
     }
     let mut at = first;
-    let each = segments.iter().zip(rows).map(|(segment, rows)| {
+    let each = lasts_s.iter().map(|lasts_s| {
         let begun = at;
-        at += segment.step_s * *rows as f64;
+        at += lasts_s;
         begun
     });
     Ok(each.collect())
@@ -221,41 +229,63 @@ fn bounds(lines: &[u64], segments: &[Segment]) -> Vec<usize> {
     segments.iter().map(row_at).chain([lines.len()]).collect()
 }
 
-/// Times by row, of `lines`, where the file has no column of them (s).
-fn steps_of(lines: &[u64], segments: &[Segment]) -> Result<Vec<f64>, SetBack> {
-    let rows: Vec<usize> = bounds(lines, segments).windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let begun = begun_s(segments, &rows)?;
-    let of = |((segment, begun), rows): ((&Segment, f64), usize)| {
-        (0..rows).map(move |row| begun + segment.step_s * row as f64).collect::<Vec<_>>()
+/// Times by row where the file has no column of them (s): those of the first channel.
+fn steps_of(sheet: &Sheet<'_>, segments: &[Segment], bounds: &[usize]) -> Result<Vec<f64>, SetBack> {
+    let spans = || bounds.windows(2).map(|pair| pair[0]..pair[1]);
+    let lasts_s: Vec<f64> = (segments.iter().zip(spans()))
+        .map(|(segment, rows)| labview_channels::lasts_s(sheet, rows, segment.step_s, &segment.channels))
+        .collect();
+    let begun = begun_s(segments, &lasts_s)?;
+    let of = |((segment, begun), rows): ((&Segment, f64), Range<usize>)| {
+        (0..rows.len()).map(move |row| begun + segment.step_s * row as f64).collect::<Vec<_>>()
     };
-    Ok(segments.iter().zip(begun).zip(rows).flat_map(of).collect())
+    Ok(segments.iter().zip(begun).zip(spans()).flat_map(of).collect())
 }
 
 /// Makes the one column of times: from `X0` and `Delta_X` where it is empty; the first of several that are alike; the finest where
 /// channels have rates of their own.
 fn timed(sheet: &mut Sheet<'_>, segments: &[Segment]) -> Result<(), CsvError> {
-    let is_time = |column: &SheetColumn<'_>| column.title == TIME;
-    let times: Vec<usize> = (0..sheet.columns.len()).filter(|at| sheet.columns.get(*at).is_some_and(is_time)).collect();
+    let times_of = |sheet: &Sheet<'_>| -> Vec<usize> {
+        let is_time = |at: &usize| sheet.columns.get(*at).is_some_and(|column| column.title == TIME);
+        (0..sheet.columns.len()).filter(is_time).collect()
+    };
+    let mut times = times_of(sheet);
     let Some(first) = times.first().copied() else { return Ok(()) };
     let empty = |column: &SheetColumn<'_>| match &column.cells {
         Cells::Text(texts) => texts.iter().all(|text| text.is_empty()),
         Cells::Numbers(_) => false,
     };
+    let bounds = bounds(&sheet.lines, segments);
     if sheet.columns.get(first).is_some_and(empty) {
         let step_s = segments.first().map_or(0.0, |segment| segment.step_s);
-        let numbers = steps_of(&sheet.lines, segments).map_err(|of| set_back(&sheet.file, segments, of))?;
+        let numbers = steps_of(sheet, segments, &bounds).map_err(|of| set_back(&sheet.file, segments, of))?;
         if let Some(column) = sheet.columns.get_mut(first) {
             column.cells = Cells::Numbers(numbers);
         }
         sheet.manner.push(format!("times from X0 and Delta_X = {step_s} s"));
-        return Ok(());
+    } else {
+        labview_segments::put_in_order(sheet, &times, &bounds, &clocks_s(segments))
+            .map_err(|of| set_back(&sheet.file, segments, of))?;
     }
-    let bounds = bounds(&sheet.lines, segments);
-    labview_segments::put_in_order(sheet, &times, &bounds, &clocks_s(segments))
-        .map_err(|of| set_back(&sheet.file, segments, of))?;
+    let spans = || bounds.windows(2).map(|pair| pair[0]..pair[1]);
+    let has_one = times.len() == 1;
+    if segments.iter().any(|segment| !segment.channels.is_empty()) {
+        sheet.manner.push("times of each channel as its own head says".to_owned());
+        if has_one {
+            let channels = segments.iter().map(|segment| segment.channels.as_slice());
+            *sheet = labview_channels::with_times(sheet, &spans().zip(channels).collect::<Vec<_>>());
+            times = times_of(sheet);
+        } else {
+            for (segment, rows) in segments.iter().zip(spans()) {
+                labview_channels::by_clocks(sheet, &times, rows, &segment.channels);
+            }
+        }
+    }
     let cells = |at: usize| sheet.columns.get(at).map(|column| &column.cells);
     let others: Vec<usize> = times.iter().copied().skip(1).filter(|other| cells(*other) != cells(first)).collect();
     if let Some(other) = others.first() {
+        // The columns of times that heads made are not in the file: its channel is.
+        let made = times.iter().position(|at| at == other).filter(|_| has_one);
         return match own_clocks::joined(sheet, &times) {
             Some(joined) => {
                 *sheet = joined;
@@ -264,7 +294,7 @@ fn timed(sheet: &mut Sheet<'_>, segments: &[Segment]) -> Result<(), CsvError> {
             None => Err(CsvError::SeveralTimes {
                 file: sheet.file.clone(),
                 line: sheet.header_line.unwrap_or(1),
-                position: other + 1,
+                position: made.map_or(other + 1, |before| other + 2 - before),
             }),
         };
     }

@@ -1,4 +1,5 @@
-//! Units of the channels in the head of a LabVIEW segment: the channel that each cell of `Y_Unit_Label` belongs to.
+//! Rows with a cell for each channel in the head of a LabVIEW segment: the channel that each cell of `Y_Unit_Label`, `X0`, `Delta_X` … belongs
+//! to, and the units.
 //!
 //! LabVIEW writes the rows of a head above the names, column by column. With `X_Columns  Multi` a column of times stands before each
 //! channel, the key over the first of them and a blank cell over every other one:
@@ -11,7 +12,7 @@
 //!
 //! Other programs leave these blanks out, so that the cells stand one behind another. Both are read where it is sure which of the two it
 //! is: by this row itself, or by the others of its head that have a cell for each channel. Any other row is refused, since a unit at the
-//! wrong channel would only scale its numbers.
+//! wrong channel would only scale its numbers, and a step of times only stretch them.
 
 use std::borrow::Cow;
 
@@ -44,12 +45,12 @@ enum Layout {
 
 /// The columns of a segment as its names say them.
 #[derive(Debug)]
-struct Columns<'n> {
+pub(crate) struct Columns<'n> {
     names: Vec<&'n str>,
     /// Columns of the channels.
-    channels: Vec<usize>,
+    pub(crate) channels: Vec<usize>,
     /// Column that the cell behind a key stands in.
-    first: usize,
+    pub(crate) first: usize,
 }
 
 impl<'a> ChannelRows<'a> {
@@ -67,43 +68,53 @@ impl<'a> ChannelRows<'a> {
     /// # Errors
     /// Units that may be those of other channels.
     pub(crate) fn units(&self, file: &str, names: &[Cow<'a, str>]) -> Result<Vec<Cow<'a, str>>, CsvError> {
-        let Some((line, row)) = self.rows.iter().find(|(_, row)| key(row) == UNITS && filled(row) > 1) else {
-            return Ok(Vec::new());
-        };
-        let columns = Columns::of(names);
-        let refused = |why: String| CsvError::ChannelUnits {
-            file: file.to_owned(),
-            line: *line,
-            found: listed(row.iter().skip(1).map(AsRef::as_ref).filter(|cell| !cell.is_empty())),
-            channels: listed(columns.channels.iter().filter_map(|at| columns.names.get(*at)).copied()),
-            why,
-        };
+        self.cells(file, UNITS, &Columns::of(names)).map(Option::unwrap_or_default)
+    }
+
+    /// Cells of the row of a key by column, blank where no channel stands; `None` where the head has no such row or nothing in it.
+    ///
+    /// # Errors
+    /// Cells that may be those of other channels.
+    pub(crate) fn cells(
+        &self,
+        file: &str,
+        key: &str,
+        columns: &Columns<'_>,
+    ) -> Result<Option<Vec<Cow<'a, str>>>, CsvError> {
+        let Some((line, row)) = self.row(key) else { return Ok(None) };
+        let refused = |why: String| columns.refused(file, *line, row, why);
         let [in_columns, packed] =
             [Layout::InColumns, Layout::Packed].map(|of| columns.has_in(row, of).then(|| columns.cells_of(row, of)));
         match (in_columns, packed) {
-            (Some(units), None) => Ok(units),
-            (None, Some(units)) if columns.has_all(row) => Ok(units),
-            (Some(units), Some(other)) if units == other => Ok(units),
+            (Some(cells), None) => Ok(Some(cells)),
+            (None, Some(cells)) if columns.has_all(row) => Ok(Some(cells)),
+            (Some(cells), Some(other)) if cells == other => Ok(Some(cells)),
             (None, None) => Err(refused(columns.why_not(row))),
             (in_columns, packed) => {
-                let units = match self.layout_of_others(&columns) {
+                let cells = match self.layout_of_others(key, columns) {
                     Some(Layout::InColumns) => in_columns,
                     Some(Layout::Packed) => packed,
                     None => None,
                 };
-                units.ok_or_else(|| refused("they may stand each above its channel or one behind another".to_owned()))
+                let why = || refused("they may stand each above its channel or one behind another".to_owned());
+                cells.ok_or_else(why).map(Some)
             }
         }
     }
 
+    /// The row of a key, where anything stands behind it.
+    pub(crate) fn row(&self, key: &str) -> Option<&Row<'a>> {
+        self.rows.iter().find(|(_, row)| self::key(row) == key && filled(row) > 1)
+    }
+
     /// The layout of the other rows, where those that tell agree.
-    fn layout_of_others(&self, columns: &Columns<'_>) -> Option<Layout> {
+    fn layout_of_others(&self, key: &str, columns: &Columns<'_>) -> Option<Layout> {
         let layout = |(_, row): &Row<'a>| match [Layout::InColumns, Layout::Packed].map(|of| columns.has_in(row, of)) {
             [true, false] => Some(Layout::InColumns),
             [false, true] => Some(Layout::Packed),
             _ => None,
         };
-        let mut layouts = self.rows.iter().filter(|(_, row)| key(row) != UNITS).filter_map(layout);
+        let mut layouts = self.rows.iter().filter(|(_, row)| self::key(row) != key).filter_map(layout);
         let first = layouts.next()?;
         layouts.all(|other| other == first).then_some(first)
     }
@@ -114,7 +125,7 @@ fn key<'r>(row: &'r [Cow<'_, str>]) -> &'r str {
 }
 
 impl<'n> Columns<'n> {
-    fn of(names: &'n [Cow<'_, str>]) -> Self {
+    pub(crate) fn of(names: &'n [Cow<'_, str>]) -> Self {
         let mut names: Vec<&str> = names.iter().take(filled(names)).map(AsRef::as_ref).collect();
         if names.last() == Some(&COMMENT) {
             names.pop();
@@ -124,6 +135,27 @@ impl<'n> Columns<'n> {
         // Where nothing stands over the times there are none, and the key stands before the first channel.
         let first = usize::from(names.first().is_some_and(|name| has_times(name)));
         Columns { names, channels, first }
+    }
+
+    /// The refusal of a row for this reason.
+    pub(crate) fn refused(&self, file: &str, line: u64, row: &[Cow<'_, str>], why: String) -> CsvError {
+        let (what, instead) = match key(row) {
+            UNITS => (
+                "units",
+                "take the line out and say them in the rig file: [recording] columns.… = { from = \"…\", unit = \"…\" }",
+            ),
+            "Date" | "Time" => ("clocks", "write a file for each device"),
+            _ => ("times", "write the file with a column of times for each channel (X_Columns Multi)"),
+        };
+        CsvError::ChannelCells {
+            file: file.to_owned(),
+            line,
+            what,
+            found: listed(row.iter().skip(1).map(AsRef::as_ref).filter(|cell| !cell.is_empty())),
+            channels: listed(self.channels.iter().filter_map(|at| self.names.get(*at)).copied()),
+            why,
+            instead,
+        }
     }
 
     /// Place in its row of the cell of the nth channel.

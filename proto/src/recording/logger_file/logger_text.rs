@@ -34,6 +34,9 @@ const ALIKE: f64 = 0.9;
 /// … and of their cells that must be numbers or times.
 const NUMERIC: f64 = 0.5;
 
+/// End of the words for a separator that is no comma.
+pub(crate) const BETWEEN_CELLS: &str = "between cells";
+
 /// A row of cells and its line.
 pub(crate) type Row<'a> = (u64, Vec<Cow<'a, str>>);
 
@@ -133,13 +136,14 @@ impl Manner {
     fn words(self) -> Vec<String> {
         let separator = match self.separator {
             Separator::Comma => None,
-            Separator::Semicolon => Some("semicolons between cells"),
-            Separator::Tab => Some("tabs between cells"),
-            Separator::Bar => Some("bars between cells"),
-            Separator::Blank => Some("blanks between cells"),
+            Separator::Semicolon => Some("semicolons"),
+            Separator::Tab => Some("tabs"),
+            Separator::Bar => Some("bars"),
+            Separator::Blank => Some("blanks"),
         };
-        let decimal = (self.decimal == Decimal::Comma).then_some("decimal commas");
-        separator.into_iter().chain(decimal).map(str::to_owned).collect()
+        let separator = separator.map(|separator| format!("{separator} {BETWEEN_CELLS}"));
+        let decimal = (self.decimal == Decimal::Comma).then(|| "decimal commas".to_owned());
+        separator.into_iter().chain(decimal).collect()
     }
 }
 

@@ -5,8 +5,10 @@
 
 use std::collections::BTreeSet;
 
-use model::rig::{RecordingMap, Rig};
+use model::rig::{Decimal, RecordingMap, Rig};
 
+use super::logger_text::BETWEEN_CELLS;
+use super::row_names::is_called_a_time;
 use super::sheet::{Cells, Sheet, is_data};
 use crate::recording::csv::shown;
 use crate::recording::recording_error::RecordingError;
@@ -33,9 +35,11 @@ pub(crate) fn check(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<
         return Ok(());
     };
     let title = |at: usize| sheet.columns.get(at).map_or("", |column| column.title.as_str());
-    let value = (0..sheet.columns.len()).rev().find(|other| *other != at && sheet.numbers(*other).is_ok());
-    let time =
-        (0..sheet.columns.len()).find(|other| *other != at && Some(*other) != value && goes_by(sheet, *other, at));
+    let value = value(sheet, at);
+    let times =
+        || (0..sheet.columns.len()).filter(|other| *other != at && Some(*other) != value && goes_by(sheet, *other, at));
+    // A clock of whole seconds beside a finer one does not tell rows apart, and no pivot goes by it.
+    let time = times().find(|time| tells_apart(sheet, *time, at)).or_else(|| times().next());
     let mut names: Vec<String> = channels.iter().take(LISTED).map(|name| shown(name)).collect();
     if channels.len() > LISTED {
         names.push("…".to_owned());
@@ -49,13 +53,46 @@ pub(crate) fn check(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<
             names.join(", ")
         ),
         mend: format!(
-            "pivot it so that each channel has a column: python3 -c \"import pandas; pandas.read_csv('FILE'{}).pivot(index='{}', columns='{}', values='{}').to_csv('FILE_wide.csv')\"",
+            "pivot it so that each channel has a column: python3 -c \"import pandas; pandas.read_csv('FILE'{}{}{}).pivot(index='{}', columns='{}', values='{}').to_csv('FILE_wide.csv')\"",
             if sheet.header_line.is_some_and(|line| line > 1) { ", comment='#'" } else { "" },
+            if sheet.manner.iter().any(|word| word.ends_with(BETWEEN_CELLS)) {
+                ", sep=None, engine='python'"
+            } else {
+                ""
+            },
+            if sheet.decimal == Decimal::Comma { ", decimal=','" } else { "" },
             time.map_or("time", title),
             title(at),
             value.map_or("value", title)
         ),
     })
+}
+
+/// The column of values, beside a column of the channels' names: the last of numbers that are neither times nor one and the same, one that is
+/// called so before the others.
+fn value(sheet: &Sheet<'_>, of_channels: usize) -> Option<usize> {
+    let is_called = |at: &usize| {
+        let name = sheet.columns.get(*at).map_or_else(String::new, |column| column.name.to_ascii_lowercase());
+        ["value", "wert"].iter().any(|word| name.contains(word))
+    };
+    let numbers = |at: usize| sheet.numbers(at).ok().filter(|_| at != of_channels);
+    let of_numbers: Vec<usize> = (0..sheet.columns.len()).rev().filter(|at| numbers(*at).is_some()).collect();
+    let is_time = |at: &usize| sheet.columns.get(*at).is_some_and(|column| is_called_a_time(&column.name));
+    let moves = |at: &usize| numbers(*at).is_some_and(|of| of.windows(2).any(|pair| pair[0] != pair[1]));
+    let values = || of_numbers.iter().filter(|at| !is_time(at) && moves(at)).copied();
+    let called_so = values().find(is_called).or_else(|| of_numbers.iter().copied().find(is_called));
+    called_so.or_else(|| values().next()).or_else(|| of_numbers.first().copied())
+}
+
+/// Tells whether no two rows of one channel have the same cell in a column.
+fn tells_apart(sheet: &Sheet<'_>, column: usize, of_channels: usize) -> bool {
+    let cell = |at: usize, row: usize| match sheet.columns.get(at).map(|column| &column.cells) {
+        Some(Cells::Text(texts)) => texts.get(row).map_or_else(String::new, ToString::to_string),
+        Some(Cells::Numbers(numbers)) => numbers.get(row).map_or_else(String::new, f64::to_string),
+        None => String::new(),
+    };
+    let mut seen = BTreeSet::new();
+    (0..sheet.rows()).all(|row| seen.insert((cell(of_channels, row), cell(column, row))))
 }
 
 /// Tells whether a column says something of single rows: it changes where the channel of the rows does not. What does not (the number of a

@@ -2,6 +2,7 @@
 
 pub(crate) mod file_kind;
 pub(crate) mod labview;
+pub(crate) mod labview_channels;
 pub(crate) mod labview_segments;
 pub(crate) mod labview_units;
 pub(crate) mod logger_text;

@@ -42,7 +42,11 @@ impl<'a> Head<'a> {
         let is_data: Vec<bool> = rows.iter().map(data).collect();
         let first = is_data.iter().position(|data| *data).unwrap_or(rows.len());
         if !map.names.is_empty() {
-            return Ok(Head { names: map.names.clone(), first, ..Head::default() });
+            // Names for the line that the map says: data begin behind it, whatever looks like data above.
+            let behind = map.header_line.map_or(0, |header| rows.partition_point(|(line, _)| *line <= header));
+            let first = is_data.iter().skip(behind).position(|data| *data).map_or(rows.len(), |at| behind + at);
+            let units = rows.get(behind).filter(|row| behind > 0 && is_units(&row.1)).map(|row| row.1.clone());
+            return Ok(Head { names: map.names.clone(), units: units.unwrap_or_default(), first, ..Head::default() });
         }
         if let Some(head) = Self::over_an_index(rows, first, manner).filter(|_| map.header_line.is_none()) {
             return Ok(head);
@@ -85,7 +89,9 @@ impl<'a> Head<'a> {
         let units = if units_above { last } else { &[] };
         Some(Head {
             line: Some(line),
-            names: std::iter::once(index).chain(names).map(ToString::to_string).collect(),
+            names: std::iter::once(index.to_string())
+                .chain(of_levels(rows.get(..first - above).unwrap_or_default(), names))
+                .collect(),
             units: std::iter::once(Cow::Borrowed("")).chain(units.iter().cloned()).collect(),
             first,
             rows_above: first - above,
@@ -126,6 +132,25 @@ impl<'a> Head<'a> {
             mend: "; or give them in the rig file: [recording] names = [\"…\", \"…\"], or header_line = … where they stand elsewhere",
         })
     }
+}
+
+/// Names of the last level; those that stand there twice behind those of the levels above, as long as they do; `rows` are those above the
+/// level.
+fn of_levels(rows: &[Row<'_>], names: &[Cow<'_, str>]) -> Vec<String> {
+    let mut joined: Vec<String> = names.iter().map(ToString::to_string).collect();
+    for (_, row) in rows.iter().rev().take_while(|(_, row)| row.len() == names.len() + 1) {
+        let are_twice: Vec<bool> =
+            joined.iter().map(|name| joined.iter().filter(|other| *other == name).count() > 1).collect();
+        if !are_twice.contains(&true) {
+            break;
+        }
+        for ((name, above), is_twice) in joined.iter_mut().zip(row.iter().skip(1)).zip(are_twice) {
+            if is_twice {
+                *name = format!("{above} {name}");
+            }
+        }
+    }
+    joined
 }
 
 /// Indices of the header and of the first row of data: of all places where data follow a header, that with the most data, and of

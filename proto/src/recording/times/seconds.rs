@@ -13,6 +13,10 @@ use crate::recording::rows::resample::median_step;
 /// Epochs in seconds lie between these (2001 and 2286), which no recording's own seconds reach.
 pub(super) const EPOCH_S: [f64; 2] = [1e9, 1e10];
 
+/// Steps of 100 ns, of the years 1981 to 2108 and 1965 to 2155, and where they are counted from.
+const EPOCHS_100_NS: [([f64; 2], &str); 2] =
+    [([1.2e17, 1.6e17], "1601, as Windows counts them"), ([6.2e17, 6.8e17], "the year 1, as .NET counts them")];
+
 /// Days since 1900, as spreadsheets count them, of 1954 to 2118, and days since year 0, as MATLAB does, of 1971 to 2108.
 const SERIAL_DAYS: [[f64; 2]; 2] = [[20_000.0, 80_000.0], [720_000.0, 770_000.0]];
 
@@ -87,8 +91,8 @@ pub(super) fn seconds(sheet: &Sheet<'_>, at: usize, said: Said) -> Result<(Vec<f
             if is_in_days(&numbers) {
                 (DAY_S, Some(format!("{title} in days, as spreadsheets and MATLAB count them")))
             } else {
-                let factor = epoch_unit(numbers.first().copied().unwrap_or(0.0));
-                (factor, (factor != 1.0).then(|| format!("{title} since 1970 in {}", unit_word(factor))))
+                epoch(numbers.first().copied().unwrap_or(0.0))
+                    .map_or((1.0, None), |(factor, words)| (factor, words.map(|words| format!("{title} {words}"))))
             }
         }
     };
@@ -99,9 +103,9 @@ pub(super) fn seconds(sheet: &Sheet<'_>, at: usize, said: Said) -> Result<(Vec<f
     } else {
         numbers.iter_mut().for_each(|x| *x *= factor);
     }
-    let wrapped = wrapped.map(|(bits, times)| {
+    let wrapped = wrapped.map(|(counter, times)| {
         let times = if times == 1 { "once".to_owned() } else { format!("{times} times") };
-        format!("{title} as a counter of {bits} bits that began anew {times}")
+        format!("{title} as {counter} that began anew {times}")
     });
     let words: Vec<String> = word.into_iter().chain(wrapped).collect();
     Ok((numbers, (!words.is_empty()).then(|| words.join(", "))))
@@ -133,8 +137,12 @@ fn is_in_days(numbers: &[f64]) -> bool {
     of_calendar && median_step(numbers).is_some_and(|step| step > 0.0 && step * DAY_S <= MOST_STEP_S)
 }
 
-/// s per number of an epoch; 1 where a number is none.
-fn epoch_unit(first: f64) -> f64 {
-    let [from, to] = EPOCH_S;
-    [1.0, 1e-3, 1e-6, 1e-9].into_iter().find(|factor| (from..to).contains(&(first * factor))).unwrap_or(1.0)
+/// s per number of an epoch, and words for what is no s; `None` where a number is none.
+fn epoch(first: f64) -> Option<(f64, Option<String>)> {
+    let since_1970 = |factor: &f64| (EPOCH_S[0]..EPOCH_S[1]).contains(&(first * factor));
+    if let Some(factor) = [1.0, 1e-3, 1e-6, 1e-9].into_iter().find(since_1970) {
+        return Some((factor, (factor != 1.0).then(|| format!("since 1970 in {}", unit_word(factor)))));
+    }
+    let (_, words) = EPOCHS_100_NS.into_iter().find(|([from, to], _)| (*from..*to).contains(&first))?;
+    Some((1e-7, Some(format!("in 100 ns since {words}"))))
 }
