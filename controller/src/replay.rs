@@ -103,6 +103,8 @@ pub struct Replay {
     part: u32,
     /// True where something could not be read of the run so far.
     is_damaged: bool,
+    /// True where a recording holds no tick: a part of a run may be missing.
+    lacks_ticks: bool,
     /// Session and sequence number of the newest frame.
     heard: Option<(u32, u32)>,
 }
@@ -154,8 +156,17 @@ impl Replay {
             begun: Vec::new(),
             part: 0,
             is_damaged: false,
+            lacks_ticks: false,
             heard: None,
         }
+    }
+
+    /// Takes note of a recording that holds no tick, before the others are replayed: what it was to hold is lost, and what comes behind
+    /// that cannot be compared.
+    pub fn without_ticks(&mut self, note: String) {
+        self.replayed.notes.push(note.clone());
+        self.replayed.lost.get_or_insert(note);
+        self.lacks_ticks = true;
     }
 
     /// Replays a recording. One whose first tick is the next of the one before continues it; any other is a run of its
@@ -221,7 +232,8 @@ impl Replay {
             return Err(ReplayError::Twice { file, before: before.clone() });
         }
         let found = run.part();
-        if let Some(before) = before.filter(|before| found > 1 && found != before + 1) {
+        // One that holds no tick may be the part between.
+        if let Some(before) = before.filter(|before| found > 1 && found != before + 1 && !self.lacks_ticks) {
             return Err(ReplayError::PartMissing { file, found, before });
         }
         self.begun.push((key, file));
@@ -264,11 +276,14 @@ impl Replay {
             ));
         }
         // Within a file another session is nothing to wonder at; behind what was cut short or damaged it is what was lost.
-        let skipped = match place {
-            Place::Within => session == tick.session && number.wrapping_add(1) != tick.tick,
-            Place::BehindDamage | Place::Between => session != tick.session || number.wrapping_add(1) != tick.tick,
+        let is_elsewhere = session != tick.session || number.wrapping_add(1) != tick.tick;
+        let (skipped, may_be_lost) = match place {
+            Place::Within => (session == tick.session && is_elsewhere, self.is_damaged),
+            Place::BehindDamage => (is_elsewhere, self.is_damaged),
+            // A recording that holds no tick may have stood between.
+            Place::Between => (is_elsewhere, self.is_damaged || self.lacks_ticks),
         };
-        (skipped && self.is_damaged).then(|| format!("the recording is damaged {at}"))
+        (skipped && may_be_lost).then(|| format!("the recording is damaged {at}"))
     }
 
     /// Findings.

@@ -11,6 +11,7 @@ mod run_watch;
 pub(crate) mod session_loop;
 pub mod session_recorder;
 
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -29,7 +30,7 @@ use crate::machine::realtime::{MemoryLock, Rights, make_realtime};
 use crate::operator::mailbox::{Request, Spent, Status, TickMailbox};
 use crate::operator::notice::Notice;
 use crate::session::attribution::StolenTime;
-use crate::session::link::{Link, LinkError};
+use crate::session::link::{Link, LinkError, LookUp};
 use crate::session::run_length::RunLength;
 use crate::session::session_loop::{Counts, Ending, one_session};
 
@@ -101,7 +102,8 @@ pub fn run_session<H: DutySource>(mut session: Session<H>) -> Result<Cycle<H>, L
             wait(&mut session, PAUSES_MS[1]);
             continue;
         }
-        match Link::open(&session.config.link.address, pacing) {
+        let Some(candidates) = look_up(&mut session) else { continue };
+        match candidates.and_then(|found| Link::open(&session.config.link.address, &found, pacing)) {
             Ok(mut link) => {
                 (attempt, told) = (0, (String::new(), 0));
                 let ending = one_session(&mut session, &mut link, &mut counts);
@@ -124,6 +126,24 @@ pub fn run_session<H: DutySource>(mut session: Session<H>) -> Result<Cycle<H>, L
     // Also where no session was open to be ended; where one was, this changes nothing.
     session.cycle.stop(&mut |_| ());
     Ok(session.cycle)
+}
+
+/// Addresses of the cRIO. Requests are taken while its name is looked up; `None` where the run is over before that is.
+fn look_up<H: DutySource>(session: &mut Session<H>) -> Option<Result<Vec<SocketAddr>, LinkError>> {
+    if let Ok(address) = session.config.link.address.parse() {
+        return Some(Ok(vec![address]));
+    }
+    let look_up = match LookUp::begin(&session.config.link.address) {
+        Ok(look_up) => look_up,
+        Err(error) => return Some(Err(error)),
+    };
+    while !look_up.is_over() {
+        if is_over(session) {
+            return None;
+        }
+        wait(session, LOOK_MS);
+    }
+    Some(look_up.addresses())
 }
 
 /// Said while a trip of the cRIO waits for a person.

@@ -9,6 +9,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use proto::recording::read_mcap;
+use rustix::process::Signal;
 use serde_json::{Value, json};
 use signal_hook::consts::{SIGALRM, SIGHUP, SIGPIPE, SIGQUIT, SIGUSR1};
 
@@ -22,7 +23,10 @@ fn signals_reload_or_do_nothing_and_the_rig_runs_on() {
     let _alone = alone();
     let laboratory = Laboratory::new("");
     laboratory.arm();
-    for name in ["USR1", "USR2", "QUIT", "ALRM", "VTALRM", "PROF", "IO", "TSTP", "TTOU", "TTIN", "XFSZ", "PIPE"] {
+    // By its number: not every shell has a name for it.
+    let stack_fault = Signal::STKFLT.as_raw().to_string();
+    let named = ["USR1", "USR2", "QUIT", "ALRM", "VTALRM", "PROF", "IO", "TSTP", "TTOU", "TTIN", "XFSZ", "PIPE"];
+    for name in named.into_iter().chain([stack_fault.as_str()]) {
         laboratory.daemon.signal(name);
     }
     laboratory.daemon.line("SIGQUIT does nothing");
@@ -88,7 +92,7 @@ fn signals_that_come_while_it_starts_end_nothing_but_the_orders_to_end() {
     let ended = daemon.wait();
     assert_eq!(ended.status, Some(0), "{ended:?}");
 
-    for name in ["TERM", "INT", "XCPU"] {
+    for name in ["TERM", "INT", "XCPU", "PWR"] {
         let daemon = starting();
         daemon.signal(name);
         let ended = daemon.wait();
@@ -151,7 +155,7 @@ fn a_reference_that_is_read_again_is_examined_as_any_other() {
 #[test]
 fn every_signal_that_ends_the_run_vents_says_goodbye_and_finishes_the_recording() {
     let _alone = alone();
-    for name in ["TERM", "INT", "XCPU"] {
+    for name in ["TERM", "INT", "XCPU", "PWR"] {
         let laboratory = Laboratory::new("");
         laboratory.arm();
         laboratory.daemon.signal(name);

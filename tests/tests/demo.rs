@@ -75,6 +75,8 @@ impl Demo {
             self.number("deadline_misses") + self.number("frames_missing") + self.number("records_dropped"),
             0.0
         );
+        let bent = self.content.ticks.iter().filter(|tick| tick.filter_active).count();
+        assert_eq!(bent, 0, "the safety filter costs a good controller nothing");
     }
 }
 

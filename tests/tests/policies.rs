@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 
 use proto::recording::TickRecord;
 use serde_json::Value;
+use tests::Stream;
 use tests::laboratory::{Laboratory, Plan, SOON};
 
 /// The published test vector of minisign: a key, and its signature of the four bytes `test`.
@@ -217,6 +218,16 @@ fn the_newest_is_followed() {
     wait_for(&laboratory, "first", "on its way", |e| {
         ["shadow", "ramp", "recheck", "retrial", "probation", "active"].iter().any(|state| e["state"] == *state)
     });
+    // An operator takes it back, and then the server with the folder is away for a while: that sends nothing on again.
+    let (reply, status) = laboratory.ask_json(&["rollback"]);
+    assert_eq!(status, Some(0), "{reply}");
+    let (folder, away) = (laboratory.folder.join("policies"), laboratory.folder.join("away"));
+    std::fs::rename(&folder, &away).unwrap();
+    wait_for(&laboratory, "first", "gone", Value::is_null);
+    std::fs::rename(&away, &folder).unwrap();
+    laboratory.daemon.line(Stream::Err, "policy first: not adopted: it was on the rig in this run", SOON);
+    let entry = wait_for(&laboratory, "first", "there", |e| !e.is_null());
+    assert_eq!(entry["state"], "passed", "{entry}");
     check_ticks(&laboratory.close().ticks());
 }
 

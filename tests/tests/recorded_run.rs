@@ -72,10 +72,18 @@ fn the_parts_of_a_run_are_replayed_in_their_order_whatever_theirs_is_on_the_comm
     assert_eq!((ended.status, ended.stderr.as_str()), (Some(0), ""), "{ended:?}");
     let found: Value = serde_json::from_str(&ended.stdout).unwrap();
     assert_eq!((&found["ticks"], &found["ticks_differing"]), (&closed.ticks().len().into(), &0.into()), "{found}");
-    // One that is missing in the middle is still missed.
-    files.remove(1);
+    // One that is missing in the middle is missed.
+    files.sort_by_key(|file| read_mcap(file).unwrap().ticks[0].tick);
+    let second = std::fs::read(files.remove(1)).unwrap();
     let ended = finish(Command::new(program("controller")).arg("replay").args(&files));
     assert_eq!(ended.status, Some(2), "{ended:?}");
+    // Where the disk was full as it was begun, the run is compared up to it.
+    let first = read_mcap(&files[0]).unwrap().ticks.len();
+    let empty = closed.folder.write("empty.mcap", &second[..8_192]);
+    let ended = finish(Command::new(program("controller")).args(["replay", "--json"]).args(&files).arg(&empty));
+    assert!(ended.status == Some(1) && ended.stderr.contains("empty.mcap: the recording holds no tick"), "{ended:?}");
+    let found: Value = serde_json::from_str(&ended.stdout).unwrap();
+    assert_eq!((&found["ticks"], &found["ticks_differing"]), (&first.into(), &0.into()), "{found}");
 }
 
 #[test]

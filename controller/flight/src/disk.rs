@@ -1,5 +1,8 @@
 //! Room on the disk, and what of old recordings is kept.
 
+use std::fs::DirBuilder;
+use std::io;
+use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
@@ -41,6 +44,15 @@ impl RetentionClock {
 pub fn free_bytes(path: &Path) -> Option<u64> {
     let about = statvfs(path).ok()?;
     Some(about.f_bavail.saturating_mul(about.f_frsize))
+}
+
+/// Makes a folder for recordings, and those above it, where they are not there. Nobody but its owner and its group finds anything
+/// in it, as nobody else reads a recording, whatever the umask.
+///
+/// # Errors
+/// If it cannot be made.
+pub fn make_folder(directory: &Path) -> io::Result<()> {
+    DirBuilder::new().recursive(true).mode(0o750).create(directory)
 }
 
 /// Limits on old recordings that are kept; 0 keeps everything.

@@ -5,7 +5,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use proto::recording::{Attachment, LogTime, RecordingInfo, RecordingWriter, WriteMcapError, rfc3339, unfinished_path};
 
-use crate::disk::Retention;
+use crate::disk::{Retention, make_folder};
 use crate::record_error::RecordError;
 use crate::tape::{McapTape, Tape};
 
@@ -94,8 +94,7 @@ impl Rotating {
         }
         info.extra.insert("part".to_owned(), (self.part + 1).to_string());
         let directory = &self.destination.directory;
-        std::fs::create_dir_all(directory)
-            .map_err(|source| RecordError::Directory { directory: directory.clone(), source })?;
+        make_folder(directory).map_err(|source| RecordError::Directory { directory: directory.clone(), source })?;
         let path = free_name(&self.destination, now)?;
         let writer = RecordingWriter::create(&path, &info, &self.attachments)
             .inspect_err(|error| remove_what_failed(&unfinished_path(&path), error))?;

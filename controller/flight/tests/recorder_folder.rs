@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use std::fs::OpenOptions;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
@@ -132,6 +133,9 @@ fn a_file_that_is_full_is_followed_by_another() {
     let done = recorder.finish().unwrap();
     assert_eq!(done.files.len(), 2, "{:?}", done.files);
     assert_eq!(numbers(&read(&done.files)), (0..510).collect::<Vec<_>>());
+    // The recorder made it; who reads no recording replaces none either.
+    let mode = std::fs::metadata(&folder.0).unwrap().permissions().mode();
+    assert_eq!(mode & 0o007, 0, "{mode:o}");
 }
 
 /// Removed, replaced, cut short, and cut and written on as `logrotate`'s `copytruncate` does.

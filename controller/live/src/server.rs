@@ -39,13 +39,22 @@ pub enum LiveError {
         source: io::Error,
     },
     /// It cannot be listened on.
-    #[error("--listen {address}: {source}; is another program listening there?")]
+    #[error("--listen {address}: {source}; {}", fix(.source))]
     Listen {
         /// As given.
         address: String,
         /// Error of the system.
         source: io::Error,
     },
+}
+
+/// Words for what to do where an address cannot be listened on.
+fn fix(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::AddrNotAvailable => "this machine has no such address; 0.0.0.0 stands for all that it has",
+        io::ErrorKind::PermissionDenied => "ports below 1024 need rights of their own; take another",
+        _ => "is another program listening there?",
+    }
 }
 
 /// A place among a bounded number, given back when it is dropped.
@@ -258,6 +267,19 @@ mod tests {
         fn drop(&mut self) {
             self.stop.store(true, Ordering::Relaxed);
         }
+    }
+
+    #[test]
+    fn an_address_that_cannot_be_listened_on_is_told_with_what_to_do() {
+        let taken = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+        let held = TcpListener::bind(&taken).unwrap();
+        // One for documents, which no machine has.
+        for (address, words) in [(taken.as_str(), "is another program"), ("192.0.2.1:8050", "has no such address")] {
+            let hub = Hub::new(CodeNames { state: |_| "run", fault: |_| "link lost" });
+            let said = Server::bind(address, Arc::new(hub)).err().map(|error| error.to_string()).unwrap();
+            assert!(said.contains(address) && said.contains(words), "{said}");
+        }
+        drop(held);
     }
 
     #[test]

@@ -27,6 +27,8 @@ pub struct Board {
     tallies: HashMap<PolicyTag, Vec<Tally>>,
     /// Policies that have been active in this run.
     proven: HashSet<PolicyTag>,
+    /// Policies that have been on the rig in this run, as candidates or active.
+    tried: HashSet<PolicyTag>,
     flying: Flying,
     /// Name by which a policy was asked for last: of several files with the same content.
     called: HashMap<PolicyTag, String>,
@@ -123,6 +125,12 @@ impl Board {
         (tag, self.tallies.get(&tag).cloned(), self.bytes(tag))
     }
 
+    /// Tells whether a policy has been on the rig since the daemon started: what became of it there is known, and whoever took it back
+    /// had a reason.
+    pub fn was_tried(&self, tag: PolicyTag) -> bool {
+        self.tried.contains(&tag)
+    }
+
     /// Name and SHA-256 of what has all of the command; `fallback` and nothing where no policy has.
     pub fn in_command(&self) -> (String, String) {
         let tag = self.snapshot().in_command();
@@ -162,6 +170,7 @@ impl Board {
         entry.state = EntryState::Passed;
         if let Some(tag) = entry.tag() {
             self.proven.insert(tag);
+            self.tried.insert(tag);
             self.flying.begin(tag);
             self.keep(tag, bytes);
             self.call(tag, &entry.name);
@@ -288,7 +297,10 @@ impl Board {
         self.flying.happened(told);
         match told.event {
             PolicyEvent::Taken(PolicyTag::FALLBACK) => self.changed(PolicyTag::FALLBACK, "takes over"),
-            PolicyEvent::Taken(tag) => self.changed(tag, what(StageNow::of_code(told.snapshot.stage))),
+            PolicyEvent::Taken(tag) => {
+                self.tried.insert(tag);
+                self.changed(tag, what(StageNow::of_code(told.snapshot.stage)))
+            }
             PolicyEvent::Passed(tag, stage) => self.changed(tag, what(StageNow::of_code(stage))),
             PolicyEvent::Active(tag) => {
                 self.proven.insert(tag);

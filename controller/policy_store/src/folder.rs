@@ -8,7 +8,7 @@ use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
 
 use admission::{Admitted, Refusal, Stage};
-use handover::Permit;
+use handover::{Permit, PolicyTag};
 use policy::Links;
 
 use crate::desk::{FALLBACK, PolicyDesk};
@@ -123,10 +123,11 @@ impl Folder {
         match outcome {
             Ok((admitted, bytes)) => {
                 refusal_file::take_away(&settled.path);
+                let tag = PolicyTag::of(&admitted.policy);
                 let change = locked(&self.desk.board).passed(&settled.name, admitted, bytes);
                 self.desk.chronicle.changed(&change, STORE);
                 if self.adoption == Adoption::Newest {
-                    self.adopt(&settled.name);
+                    self.adopt(&settled.name, tag);
                 }
             }
             Err(refusal) if still_copied(settled, &refusal) => watcher.again(&settled.name),
@@ -138,8 +139,23 @@ impl Folder {
         }
     }
 
-    fn adopt(&self, name: &str) {
-        match self.desk.send(name, FOLLOWS, &Permit::unlimited()) {
+    /// Sends a policy on to the rig that has not been there yet. A file that is seen anew, as behind a server that was away for a
+    /// while, undoes no rollback and brings back nothing that lost its authority.
+    fn adopt(&self, name: &str, tag: PolicyTag) {
+        self.desk.follow();
+        let (was_tried, now) = {
+            let board = locked(&self.desk.board);
+            (board.was_tried(tag), board.snapshot())
+        };
+        if now.incumbent == tag || now.candidate == Some(tag) {
+            return;
+        }
+        let sent = if was_tried {
+            Err(format!("it was on the rig in this run; `controller swap {name}` sends it there again"))
+        } else {
+            self.desk.send(name, FOLLOWS, &Permit::unlimited())
+        };
+        match sent {
             Ok(_) => locked(&self.desk.board).set_aside(None),
             Err(problem) => self.desk.chronicle.say(format!("policy {name}: not adopted: {problem}")),
         }

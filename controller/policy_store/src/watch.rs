@@ -99,7 +99,7 @@ pub struct Reading {
     pub misnamed: Option<String>,
     /// True where another folder has taken the place of the one that was read before.
     pub is_another_folder: bool,
-    /// Reason why the directory cannot be read, if it cannot.
+    /// Reason why the directory cannot be read, or not to its end.
     pub problem: Option<String>,
 }
 
@@ -117,7 +117,7 @@ impl Watcher {
     /// Reads the directory; to be called once a second.
     pub fn read(&mut self) -> Reading {
         let mut reading = Reading::default();
-        let entries = match std::fs::read_dir(&self.directory) {
+        let mut entries = match std::fs::read_dir(&self.directory) {
             Ok(entries) => entries,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 let mut reading = self.all_gone();
@@ -136,7 +136,14 @@ impl Watcher {
         reading.is_another_folder = self.folder.is_some() && folder.is_some() && folder != self.folder;
         self.folder = folder.or(self.folder);
         let mut seen = HashMap::new();
-        for path in entries.take(MOST_NAMES).flatten().map(|entry| entry.path()) {
+        for entry in entries.by_ref().take(MOST_NAMES) {
+            let path = match entry {
+                Ok(entry) => entry.path(),
+                Err(error) => {
+                    reading.problem = Some(format!("{}: cannot be read to its end: {error}", self.directory.display()));
+                    break;
+                }
+            };
             match (policy_name(&path), Look::at(&path)) {
                 (Some(name), Some(look)) => drop(seen.insert(name, (path, look))),
                 (None, Some(_)) if is_published(&path) => {
@@ -146,8 +153,19 @@ impl Watcher {
                 _ => {}
             }
         }
-        reading.gone = self.known.keys().filter(|name| !seen.contains_key(*name)).cloned().collect();
-        self.known.retain(|name, _| seen.contains_key(name));
+        if reading.problem.is_none() && entries.next().is_some() {
+            reading.problem = Some(format!(
+                "{}: it holds more than {MOST_NAMES} names, of which no more are looked at; move old ones elsewhere, or a new policy may not be seen",
+                self.directory.display()
+            ));
+        }
+        let mut gone: Vec<String> = self.known.keys().filter(|name| !seen.contains_key(*name)).cloned().collect();
+        if reading.problem.is_some() {
+            // What a reading did not come to need not be gone.
+            gone.retain(|name| is_missing(&self.directory.join(format!("{name}.{ENDING}"))));
+        }
+        self.known.retain(|name, _| !gone.contains(name));
+        reading.gone = gone;
         for (name, (path, look)) in seen {
             let signature = Look::at(&signature_file(&path));
             let same_file = self.known.get(&name).copied().filter(|known| known.look == look);
@@ -175,6 +193,11 @@ impl Watcher {
         gone.sort();
         Reading { gone, ..Reading::default() }
     }
+}
+
+/// Tells whether nothing stands at a path.
+fn is_missing(path: &Path) -> bool {
+    path.symlink_metadata().is_err_and(|error| error.kind() == std::io::ErrorKind::NotFound)
 }
 
 /// True for a file that is published as a policy, whatever its name is otherwise: not hidden and not under way.
@@ -291,6 +314,32 @@ mod tests {
             (settled.since, &settled.look),
             (again.since, &again.look),
             "it waits on from when it was first seen"
+        );
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// A folder that was never tidied: each policy leaves files beside it.
+    #[test]
+    fn a_folder_with_more_names_than_are_looked_at_is_told_and_nothing_counts_as_gone() {
+        let folder = folder("crowded");
+        let mut watcher = Watcher::new(folder.clone());
+        std::fs::write(folder.join("first.onnx"), b"one").unwrap();
+        watcher.read();
+        assert_eq!(names(&watcher.read()), ["first"]);
+        // In whatever order the system lists them, some of these policies are beyond what is looked at.
+        let crowd: Vec<PathBuf> = (0..MOST_NAMES).map(|n| folder.join(format!("p{n}.onnx"))).collect();
+        crowd.iter().for_each(|file| std::fs::write(file, b"").unwrap());
+        let first = watcher.read();
+        let crowded = watcher.read();
+        for reading in [&first, &crowded] {
+            assert!(reading.problem.as_ref().is_some_and(|told| told.contains("more than 4096 names")), "{reading:?}");
+            assert!(reading.gone.is_empty(), "{:?}", reading.gone);
+        }
+        assert!(names(&crowded).contains(&"p0") || names(&crowded).contains(&"p1"), "those that are listed go on");
+        crowd.iter().for_each(|file| std::fs::remove_file(file).unwrap());
+        let tidy = watcher.read();
+        assert!(
+            tidy.problem.is_none() && tidy.gone.len() >= MOST_NAMES - 1 && !tidy.gone.contains(&"first".to_owned())
         );
         std::fs::remove_dir_all(&folder).unwrap();
     }

@@ -54,7 +54,9 @@ impl ReplayArgs {
                 )));
             }
         }
-        for path in in_order(self.recordings)? {
+        let ordered = in_order(self.recordings)?;
+        ordered.without_ticks.into_iter().for_each(|note| replay.without_ticks(note));
+        for path in ordered.recordings {
             replay.run(&RunFile::read(&path)?)?;
         }
         let found = replay.found();

@@ -24,8 +24,8 @@ const SILENT_TO_TELL: u32 = 10;
 /// Looks without a tick after which the process ends itself: 1 s. Looks, not time: where the whole machine stood still,
 /// the guard stood still as well.
 const SILENT_TO_ABORT: u32 = 50;
-/// Looks without a beat outside of sessions after which the watchdog is no longer beaten: 15 s, above connecting and
-/// looking up a name.
+/// Looks without a beat outside of sessions after which the watchdog is no longer beaten: 15 s, above connecting, which
+/// takes two seconds at the most.
 const SILENT_OUTSIDE: u32 = 750;
 
 /// Pulse that the tick's thread leaves for the guard, and the guard for it.

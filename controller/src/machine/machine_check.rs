@@ -54,6 +54,7 @@ pub fn check(config: &Config) -> Result<Vec<String>, MachineError> {
     let mut remarks = Vec::new();
     check_socket(&config.control.socket, &mut remarks)?;
     check_recordings(&config.record, config.control.auto_arm, &mut remarks)?;
+    remarks.extend(unreadable_policies(&config.policy.directory));
     check_cpu(config)?;
     remarks.extend(refused_realtime(config));
     Ok(remarks)
@@ -118,6 +119,16 @@ fn check_recordings(record: &Record, auto_arm: bool, remarks: &mut Vec<String>) 
         ));
     }
     Ok(())
+}
+
+/// Remark that no policy can be published, where the folder for them is none or may not be read. One that is not there yet is
+/// no trouble.
+fn unreadable_policies(folder: &Path) -> Option<String> {
+    let error = std::fs::read_dir(nearest(folder)).err().filter(|error| error.kind() != ErrorKind::NotFound)?;
+    Some(format!(
+        "{}: policy.directory: no policy can be published there ({error}); fix that, or choose another folder",
+        folder.display()
+    ))
 }
 
 fn check_cpu(config: &Config) -> Result<(), MachineError> {
@@ -206,6 +217,10 @@ mod tests {
         let mut config = config(&folder);
         config.record.min_free_mib = 1 << 40;
         assert!(check(&config).unwrap().concat().contains("will not be armed"));
+        config.policy.directory = folder.join("file");
+        assert!(check(&config).unwrap().concat().contains("file: policy.directory: no policy can be published there"));
+        config.policy.directory = folder.join("not yet there");
+        assert!(!check(&config).unwrap().concat().contains("policy.directory"));
         std::fs::remove_dir_all(folder).unwrap();
     }
 }

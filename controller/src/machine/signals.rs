@@ -2,20 +2,22 @@
 //!
 //! | signal | does |
 //! | --- | --- |
-//! | `TERM`, `INT`, `XCPU` | vents, says BYE, finishes the recording, ends |
+//! | `TERM`, `INT`, `XCPU`, `PWR` | vents, says BYE, finishes the recording, ends |
 //! | `HUP` | reads the configuration again |
-//! | `USR1`, `USR2`, `QUIT`, `ALRM`, `VTALRM`, `PROF`, `IO`, `TSTP`, `TTIN`, `TTOU`, `XFSZ`, `PIPE` | nothing; all but the last two are told |
+//! | `USR1`, `USR2`, `QUIT`, `ALRM`, `VTALRM`, `PROF`, `IO`, `TSTP`, `TTIN`, `TTOU`, `STKFLT`, `XFSZ`, `PIPE` | nothing; all but the last two are told |
 //!
 //! A program that takes seconds to start holds them from its first line on ([`hold_until_install`]): until it runs, only those that end
 //! a run do what they do by default, and the rest waits.
 //!
-//! `XCPU` comes from systemd's LimitRTTIME when a real-time thread never waits. `TSTP` would stop the tick with the rig
-//! armed. `XFSZ` and `PIPE` come with an error of the write that caused them, which is handled there.
+//! `XCPU` comes from systemd's LimitRTTIME when a real-time thread never waits, `PWR` from what watches a power supply.
+//! `TSTP` would stop the tick with the rig armed. `XFSZ` and `PIPE` come with an error of the write that caused them, which
+//! is handled there.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
+use rustix::process::Signal;
 use signal_hook::consts::{
     SIGALRM, SIGHUP, SIGINT, SIGIO, SIGPIPE, SIGPROF, SIGQUIT, SIGTERM, SIGTSTP, SIGTTIN, SIGTTOU, SIGUSR1, SIGUSR2,
     SIGVTALRM, SIGXCPU, SIGXFSZ,
@@ -23,9 +25,9 @@ use signal_hook::consts::{
 use signal_hook::iterator::Signals as Pending;
 
 /// Signals that end the run in order.
-const STOPS: [i32; 3] = [SIGTERM, SIGINT, SIGXCPU];
+const STOPS: [i32; 4] = [SIGTERM, SIGINT, SIGXCPU, Signal::POWER.as_raw()];
 /// Signals that are told and do nothing.
-const TOLD: [(i32, &str); 10] = [
+const TOLD: [(i32, &str); 11] = [
     (SIGUSR1, "SIGUSR1"),
     (SIGUSR2, "SIGUSR2"),
     (SIGQUIT, "SIGQUIT"),
@@ -36,6 +38,7 @@ const TOLD: [(i32, &str); 10] = [
     (SIGTSTP, "SIGTSTP"),
     (SIGTTIN, "SIGTTIN"),
     (SIGTTOU, "SIGTTOU"),
+    (Signal::STKFLT.as_raw(), "SIGSTKFLT"),
 ];
 /// Signals that do nothing, because the write that caused them fails by itself.
 const SILENT: [i32; 2] = [SIGXFSZ, SIGPIPE];

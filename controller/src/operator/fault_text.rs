@@ -57,7 +57,9 @@ pub fn fault_text(code: u16, value: f64) -> String {
             "the frames' sequence number, clock or tick does not go on as time does ({value:.0}); look at the cRIO's program"
         ),
         C::FramesDamaged => {
-            format!("{value:.0} of the last 100 frames had a wrong CRC or no place in the session; the link is closed")
+            format!(
+                "{value:.0} of the last 100 frames had a wrong CRC, an unknown code or no place in the session; the link is closed"
+            )
         }
         C::LinkFlooded => format!("{value:.0} bytes came in one tick; a cRIO sends 64; the link is closed"),
         C::StreamBroken => format!(

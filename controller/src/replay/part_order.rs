@@ -3,21 +3,46 @@
 use std::cmp::Reverse;
 use std::path::{Path, PathBuf};
 
+use proto::recording::ReadMcapError;
+
 use super::run_file::{RunFile, RunFileError};
+
+/// Recordings in the order in which they are replayed.
+#[derive(Debug, Default)]
+pub struct Ordered {
+    /// Those that hold ticks.
+    pub recordings: Vec<PathBuf>,
+    /// What is said of each that holds none, as where the disk was full when it was begun.
+    pub without_ticks: Vec<String>,
+}
 
 /// Recordings with the parts of each run one after the other, at the place of the first of them that was given; all else stays where it is.
 ///
 /// # Errors
-/// A file cannot be read, or is no recording.
-pub fn in_order(recordings: Vec<PathBuf>) -> Result<Vec<PathBuf>, RunFileError> {
+/// A file cannot be read, or is no recording; none of several holds a tick.
+pub fn in_order(recordings: Vec<PathBuf>) -> Result<Ordered, RunFileError> {
     if recordings.len() < 2 {
-        return Ok(recordings);
+        return Ok(Ordered { recordings, without_ticks: Vec::new() });
     }
-    // One at a time: together they may be larger than memory.
-    let part = |path: &PathBuf| RunFile::read(path).map(|run| Part::of(&run));
-    let parts: Result<Vec<Part>, _> = recordings.iter().map(part).collect();
-    let order = order(&parts?);
-    Ok(order.into_iter().filter_map(|index| recordings.get(index).cloned()).collect())
+    let (mut held, mut parts, mut without_ticks) = (Vec::new(), Vec::new(), Vec::new());
+    for path in recordings {
+        // One at a time: together they may be larger than memory.
+        match RunFile::read(&path) {
+            Ok(run) => {
+                parts.push(Part::of(&run));
+                held.push(path);
+            }
+            Err(RunFileError::Mcap(empty @ ReadMcapError::NoTicks { .. })) => without_ticks.push(empty),
+            Err(error) => return Err(error),
+        }
+    }
+    if parts.is_empty()
+        && let Some(empty) = without_ticks.pop()
+    {
+        return Err(empty.into());
+    }
+    let recordings = order(&parts).into_iter().filter_map(|index| held.get(index).cloned()).collect();
+    Ok(Ordered { recordings, without_ticks: without_ticks.iter().map(ToString::to_string).collect() })
 }
 
 /// A recording as a part of its run.

@@ -7,13 +7,14 @@
 mod broken;
 #[cfg(test)]
 mod burst_tests;
+mod connecting;
 mod link_error;
 #[cfg(test)]
 mod tests;
 
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::{self, Write};
-use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
+use std::net::{SocketAddr, TcpStream};
 use std::time::Duration;
 
 use monitor::{FrameGate, Pacing, Rejection};
@@ -21,23 +22,21 @@ use proto::wire::{Bye, ByeReason, Frame, FrameReader, Hello, RawFrame, Sense, Se
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::io::{Errno, ioctl_fionread};
 use rustix::time::Timespec;
-use socket2::{Domain, Protocol, SockRef, Socket, TcpKeepalive, Type};
 use supervisor::Condition;
 
 use broken::broken_stream;
+use connecting::connect;
 
 use crate::machine::clock::now_ns;
 
 pub use broken::Broken;
+pub(crate) use connecting::LookUp;
 pub use link_error::{Heard, LinkError};
 
 /// Time that connecting and each answer of the handshake may take.
 const HANDSHAKE: Duration = Duration::from_millis(1000);
 /// Bytes taken in one tick: a thousand readings, twenty seconds of a machine that stood still. More is a flood.
 const MOST_BYTES: usize = 64 * 1024;
-/// Room for commands that the cRIO has not read yet, in bytes; the kernel doubles it. A second or two of them, so that a
-/// cRIO that stopped reading is noticed.
-const SEND_BUFFER: usize = 4096;
 /// The daemon's name in HELLO.
 const NAME: &str = "controller";
 
@@ -59,7 +58,7 @@ pub enum Incoming {
     Lost(Broken),
 }
 
-/// A sound frame that a cRIO has no reason to send within a session.
+/// A frame whose bytes came as they were sent, and that has no place in a session all the same.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Misplaced {
     /// It greets again, as a program does that has begun anew.
@@ -71,6 +70,13 @@ pub enum Misplaced {
         /// Session that it belongs to.
         session: u32,
     },
+    /// One of its fields holds a code that the protocol does not name.
+    UnknownCode {
+        /// Place of the field in the frame, bytes from its start.
+        offset: u8,
+        /// Code.
+        code: u8,
+    },
 }
 
 impl Misplaced {
@@ -80,6 +86,7 @@ impl Misplaced {
             Misplaced::Hello => [1.0, 0.0],
             Misplaced::Command => [3.0, 0.0],
             Misplaced::Sense { session } => [2.0, f64::from(session)],
+            Misplaced::UnknownCode { offset, code } => [4.0, f64::from(u16::from_be_bytes([offset, code]))],
         }
     }
 
@@ -88,6 +95,12 @@ impl Misplaced {
         match code as u8 {
             1 => "a HELLO in the middle of the session; has the cRIO's program begun anew?".to_owned(),
             3 => "a COMMAND, which only the daemon sends; is something else connected?".to_owned(),
+            4 => {
+                let [offset, code] = (number as u16).to_be_bytes();
+                format!(
+                    "a frame with the code {code} at byte {offset}, which the protocol does not name there (look at the cRIO's program)"
+                )
+            }
             _ => format!("a SENSE of session {:08X}, which is not this one", number as u32),
         }
     }
@@ -116,15 +129,16 @@ pub struct Link {
 }
 
 impl Link {
-    /// Connects and opens a session with a fresh random number.
+    /// Connects to the first of these addresses that answers, and opens a session with a fresh random number; `address` is
+    /// what they are called in messages.
     ///
     /// # Errors
     /// Why not, in one line that names the address.
     ///
     /// # Real-time
     /// Not for the tick: it waits and allocates.
-    pub fn open(address: &str, pacing: Pacing) -> Result<Self, LinkError> {
-        let socket = connect(address)?;
+    pub fn open(address: &str, candidates: &[SocketAddr], pacing: Pacing) -> Result<Self, LinkError> {
+        let socket = connect(address, candidates)?;
         let mut link = Link {
             socket,
             reader: FrameReader::new(),
@@ -372,7 +386,12 @@ impl Link {
                     }
                 }
                 Err(damage) if damage.is_fatal() => return Err(broken_stream(damage.error)),
-                Err(_) => self.damaged += 1,
+                Err(damage) => match damage.error {
+                    WireError::UnknownCode { offset, code, .. } => {
+                        self.misplace(Misplaced::UnknownCode { offset, code });
+                    }
+                    _ => self.damaged += 1,
+                },
             }
         }
     }
@@ -408,33 +427,6 @@ fn is_past(until_ns: Option<u64>) -> bool {
 /// A link that the system gave up with this error; 0 where the cRIO closed it.
 fn lost_by(errno: i32) -> Broken {
     Broken::because(Condition::LinkLost, f64::from(errno))
-}
-
-fn connect(address: &str) -> Result<TcpStream, LinkError> {
-    let resolve = |source| LinkError::Resolve { address: address.to_owned(), source };
-    let addresses: Vec<SocketAddr> = address.to_socket_addrs().map_err(resolve)?.collect();
-    let mut last = io::Error::from(io::ErrorKind::AddrNotAvailable);
-    for candidate in addresses {
-        match connect_to(candidate) {
-            Ok(stream) => return Ok(stream),
-            Err(error) => last = error,
-        }
-    }
-    Err(LinkError::Connect { address: address.to_owned(), source: last })
-}
-
-fn connect_to(address: SocketAddr) -> io::Result<TcpStream> {
-    let socket = Socket::new(Domain::for_address(address), Type::STREAM, Some(Protocol::TCP))?;
-    socket.connect_timeout(&address.into(), HANDSHAKE)?;
-    // With Nagle's algorithm on, a frame can wait 40 ms for an acknowledgement.
-    socket.set_tcp_nodelay(true)?;
-    socket.set_send_buffer_size(SEND_BUFFER)?;
-    let stream: TcpStream = socket.into();
-    // A cRIO that lost its power says nothing; without probes the link would look alive for hours.
-    let keepalive = TcpKeepalive::new().with_time(Duration::from_secs(1)).with_interval(Duration::from_secs(1));
-    SockRef::from(&stream).set_tcp_keepalive(&keepalive)?;
-    stream.set_nonblocking(true)?;
-    Ok(stream)
 }
 
 /// A session number that is random and not zero; the hasher's keys come from the system's random numbers.

@@ -45,6 +45,6 @@ pub(super) fn check_folder(to: &Destination, config: &Config) -> Result<(), Sess
 
 /// Makes a folder if it is not there, and tries to write in it.
 fn try_folder(directory: &Path) -> std::io::Result<()> {
-    std::fs::create_dir_all(directory)?;
+    flight::disk::make_folder(directory)?;
     try_file(directory)
 }

@@ -77,7 +77,7 @@ pub enum SessionError {
         min_mib: u64,
     },
     /// The tick's thread does not end.
-    #[error("the tick's thread did not end within {} s (the cRIO's name may not resolve); the cRIO vents by its time to live", TICK_END.as_secs())]
+    #[error("the tick's thread did not end within {} s (the cRIO may be slow to connect to); the cRIO vents by its time to live", TICK_END.as_secs())]
     Hung,
     /// The folder for recordings cannot be made.
     #[error("{}: cannot be used for recordings: {source}; set record.directory to a folder that can be written", .directory.display())]

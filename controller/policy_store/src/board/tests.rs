@@ -85,3 +85,16 @@ fn what_has_all_of_the_command_is_named() {
     board.show(Snapshot { before: Some(TAG), told: 2, ..Snapshot::default() });
     assert_eq!(rows(&board), [row("default", Previous), row("fallback", Active)]);
 }
+
+/// An operator has taken it back, and its file is seen anew: it was on the rig, whatever its entry says.
+#[test]
+fn what_was_on_the_rig_is_remembered_although_its_file_was_away() {
+    let mut board = board(&[("a", 7), ("b", 8)]);
+    board.begin(entry("default", 9), None);
+    let shadow = Snapshot { candidate: Some(TAG), told: 1, ..Snapshot::default() };
+    board.happened(&told(PolicyEvent::Taken(TAG), shadow));
+    board.happened(&told(PolicyEvent::Lost(TAG, 0, Loss::Withdrawn), Snapshot { told: 2, ..Snapshot::default() }));
+    board.gone("a");
+    board.checking("a");
+    assert_eq!([7, 8, 9].map(|tag| board.was_tried(PolicyTag(tag))), [true, false, true]);
+}

@@ -14,23 +14,24 @@ use proto::wire::{Bye, ByeReason, CrioState, Hello, SENSE_LENGTH, Sense, TripBit
 use supervisor::{Arming, Condition, State};
 
 use super::tests::greeted;
-use super::{Incoming, Link};
+use super::{Incoming, Link, Misplaced};
 use crate::config::Safety;
 use crate::cycle::Cycle;
 use crate::cycle::tests::sense;
 use crate::machine::clock::now_ns;
+use crate::operator::notice::{Notice, sentence};
 
 /// Session with a cRIO that does what it is given with its end of the link.
 fn session_with(pacing: Pacing, crio: impl FnOnce(TcpStream, Hello) + Send + 'static) -> (Link, JoinHandle<()>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = listener.local_addr().unwrap().to_string();
+    let at = listener.local_addr().unwrap();
     let crio = std::thread::spawn(move || {
         let (mut stream, hello) = greeted(&listener);
         stream.set_nodelay(true).unwrap();
         stream.write_all(&hello.encode()).unwrap();
         crio(stream, hello);
     });
-    (Link::open(&address, pacing).unwrap(), crio)
+    (Link::open(&at.to_string(), &[at], pacing).unwrap(), crio)
 }
 
 /// A reading of this tick, at rest but for the positive sensor's volts.
@@ -188,4 +189,29 @@ fn a_reading_right_before_a_bye_is_answered() {
     let (cycle, _, next) = answered(&[1.002, 1.65], Ends::WithBye);
     assert_eq!(cycle.memory().cause, Some(Condition::OverPressure));
     assert!(matches!(next, Incoming::Lost(broken) if broken.condition == Condition::PeerLeft), "{next:?}");
+}
+
+/// The SENSE of docs/protocol.md in a state that the protocol does not name, with the CRC of its bytes: nothing was damaged on
+/// the way, so whoever writes the cRIO's program is not sent to look at cables.
+#[test]
+fn a_code_that_the_protocol_does_not_name_is_told_as_such() {
+    const IN_STATE_7: [u8; SENSE_LENGTH] = [
+        0x50, 0x4e, 0x45, 0x55, 0x01, 0x02, 0x00, 0x40, 0x00, 0x00, 0x00, 0x08, 0x00, 0x00, 0x00, 0x00, 0x3b, 0x9a,
+        0xca, 0x00, 0x12, 0x34, 0x56, 0x78, 0x00, 0x00, 0x00, 0x07, 0x00, 0x00, 0x00, 0x08, 0x3f, 0xae, 0x14, 0x7b,
+        0x40, 0x73, 0x33, 0x33, 0x7f, 0xc0, 0x00, 0x00, 0x7f, 0xc0, 0x00, 0x00, 0x3f, 0x40, 0x00, 0x00, 0x3f, 0x00,
+        0x00, 0x00, 0x87, 0x00, 0x00, 0x00, 0x0f, 0x39, 0x4c, 0xc1,
+    ];
+    let (mut link, crio) = session_with(Pacing::Lockstep, |mut stream, hello| {
+        stream.write_all(&[&IN_STATE_7[..], &spoilt(hello), &frame(hello, 0, 1.002)].concat()).unwrap();
+        let _ = stream.read(&mut [0]);
+    });
+    let incoming = link.receive(None, &mut alone);
+    assert!(matches!(incoming, Incoming::Sense { sense, .. } if sense.tick == 0), "{incoming:?}");
+    assert_eq!(link.damaged(), 2, "either counts");
+    let what = link.take_misplaced().unwrap();
+    assert_eq!(what, Misplaced::UnknownCode { offset: 56, code: 7 });
+    let said = sentence(&Notice::FrameMisplaced { count: 2, what }.event(0));
+    assert!(said.contains("the code 7 at byte 56, which the protocol does not name there"), "{said}");
+    drop(link);
+    crio.join().unwrap();
 }

@@ -22,7 +22,7 @@ pub(super) fn greeted(listener: &TcpListener) -> (TcpStream, Hello) {
 /// Message about a cRIO that answers the daemon's HELLO with these bytes, and then waits or closes.
 fn said(answer: fn(Hello) -> Vec<u8>, then: Then) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = listener.local_addr().unwrap().to_string();
+    let at = listener.local_addr().unwrap();
     let crio = std::thread::spawn(move || {
         let (mut stream, hello) = greeted(&listener);
         stream.write_all(&answer(hello)).unwrap();
@@ -36,7 +36,8 @@ fn said(answer: fn(Hello) -> Vec<u8>, then: Then) -> String {
             SockRef::from(&stream).set_linger(Some(Duration::ZERO)).unwrap();
         }
     });
-    let said = Link::open(&address, Pacing::RealTime).err().map(|error| error.to_string());
+    let address = at.to_string();
+    let said = Link::open(&address, &[at], Pacing::RealTime).err().map(|error| error.to_string());
     crio.join().unwrap();
     let said = said.expect("no session");
     assert!(said.starts_with(&address) && !said.contains('\n'), "{said}");
