@@ -235,6 +235,17 @@ fn labview_channels_that_began_later_stand_in_later_rows() {
             assert_eq!(of.column("p_pos_kpa").unwrap()[k], cells(k)[2].parse::<f64>().unwrap(), "{clocks:?} row {k}");
         }
     }
+    // The same where each channel has a column of times, and devices within a microsecond began together.
+    for (clock, later) in [("10:00:00.100000", 5), ("10:00:00.000001", 0)] {
+        let clocks = format!("Time\t{0}\t\t{0}\t\t{clock}\t\t{clock}\t\n", "10:00:00.000000");
+        let text = multi("-\t\t-\t\tkPa\t\tkPa\t").replace("Y_Unit_Label", &format!("{clocks}Y_Unit_Label"));
+        let of = read(text, &paper()).unwrap();
+        for k in 0..ROWS - 10 {
+            let [u_pos, ..] = cells(k + later);
+            assert_eq!(of.column("u_pos").unwrap()[k], u_pos.parse::<f64>().unwrap(), "{clock} row {k}");
+            assert_eq!(of.column("p_pos_kpa").unwrap()[k], cells(k)[2].parse::<f64>().unwrap(), "{clock} row {k}");
+        }
+    }
     // Times that are counted from an instant of their own do not depend on clocks.
     let text = own_heads("No", [&head(["10:00:00.00", "10:00:00.10"], ["0.0"; 2]), ""])
         .replace("X_Columns", "Time_Pref\tAbsolute\nX_Columns");

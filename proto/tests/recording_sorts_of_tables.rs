@@ -42,6 +42,15 @@ fn what_consoles_and_data_frames_print_is_read() {
     let plain = lines(|_, row| row.join(","));
     assert_read(&format!(",cmd,cmd,sensor,sensor\n,u_pos,u_neg,p_pos_kpa,p_neg_kpa\ntime_s,,,,\n{plain}"));
     assert_read(&format!("name,u_pos,u_neg,p_pos_kpa,p_neg_kpa\nunit,-,-,kPa,kPa\ntime_s,,,,\n{plain}"));
+    // Names that stand once are those of the last level, whatever else stands twice.
+    let doubled = lines(|k, row| format!("{},{k},{}", row.join(","), 2 * k));
+    assert_read(&format!(
+        ",cmd,cmd,sensor,sensor,in,out\n,u_pos,u_neg,p_pos_kpa,p_neg_kpa,temp,temp\ntime_s,,,,,,\n{doubled}"
+    ));
+    // `temps` are times in French and temperatures beside another column of times.
+    assert_read(&format!("Temps,u_pos,u_neg,p_pos_kpa,p_neg_kpa\n{plain}"));
+    let warm = lines(|k, row| format!("{},{}", row.join(","), 20 + k % 3));
+    assert_read(&format!("t_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa,temps\n{warm}"));
     assert_read(&format!("time_s,u_pos [-],u_neg,p_pos_kpa [kPa (gauge)],p_neg_kpa [kPa(g)]\n{plain}"));
     let influx = lines(|k, row| {
         format!(",,0,2026-05-01T11:00:00Z,2026-05-01T12:00:{:06.3}Z,{}", 0.02 * k as f64, row[1..].join(","))
@@ -122,6 +131,11 @@ fn names_that_are_given_stand_for_the_line_that_is_given() {
     // Rows above that look like data are none.
     let text = format!("9,9,9,9,9\n9,9,9,9,9\n{plain}");
     assert_eq!(read_with(&map, &text).unwrap().column("u_pos").unwrap()[0], 0.5);
+    // Units in the line behind are units, and no data.
+    let map = format!("header_line = 1\nnames = {NAMES:?}");
+    let of = read_with(&map, &format!("a,b,c,d,e\ns,-,-,mbar,mbar\n{}", lines(|_, row| row.join(",")))).unwrap();
+    assert_eq!((of.rows(), of.segments().len()), (ROWS, 1), "{:?}", of.notes());
+    assert!((of.column("p_pos_kpa").unwrap()[7] - 0.1 * cells(7)[3]).abs() < 1e-4, "{:?}", of.notes());
 }
 
 /// The key that is told of a command or a relay in another range is accepted as it stands, and makes the numbers that were meant.

@@ -48,7 +48,7 @@ pub use exchange::twins;
 use exchange::{deletions, pairs, swaps};
 use late::exchanged_late;
 pub(crate) use late::{LATE_SENSOR, LATE_VALVES, late_in_place_of};
-use refine::{from_priors, plainer, refined, richer};
+use refine::{anew, from_priors, plainer, refined, richer};
 use slips::in_pieces;
 pub(crate) use stepped::lying_where;
 use stepped::sharpened;
@@ -337,6 +337,12 @@ pub fn search(
         tried.push(std::mem::replace(&mut best, plain));
     }
     best = twinned(bench, candidates, best, settings, &mut tried, &mut likes);
+    if !best.terms.is_empty()
+        && has_given_way(bench, &best)
+        && let Some(again) = anew(bench, candidates, &best)
+    {
+        tried.push(std::mem::replace(&mut best, again));
+    }
     // What a fit does not need may still be there, where its parameters are not believed.
     if !best.terms.is_empty() && kinds(candidates, &best.terms) < settings.most_kinds && has_given_way(bench, &best) {
         let known = screened.filter(|(terms, _)| *terms == best.terms).map(|(_, screening)| screening);

@@ -119,3 +119,13 @@ pub(super) fn from_priors(
         None => Ok(None),
     }
 }
+
+/// The terms of `base`, whose parameters have given way, fitted anew from the priors' means; `None` where that costs no less.
+///
+/// A number of a term and a parameter of the rig may stand in for one another over a long way (half of a valve's lag, and a chamber of
+/// more than twice the volume), with a ridge between them that no small step crosses.
+pub(super) fn anew(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation) -> Option<Explanation> {
+    let cold = starts(bench, candidates, base, &base.terms, &[], true).split_off(1);
+    let fitted = bench.fit(candidates, &base.terms, &cold, Effort::Polish).ok()?;
+    (cost(bench, &fitted) < cost(bench, base) - 1.0).then_some(fitted)
+}
