@@ -133,7 +133,7 @@ fn names_that_are_given_stand_for_the_line_that_is_given() {
     assert_eq!(read_with(&map, &text).unwrap().column("u_pos").unwrap()[0], 0.5);
     // Units in the line behind are units, and no data.
     let map = format!("header_line = 1\nnames = {NAMES:?}");
-    let of = read_with(&map, &format!("a,b,c,d,e\ns,-,-,mbar,mbar\n{}", lines(|_, row| row.join(",")))).unwrap();
+    let of = read_with(&map, format!("a,b,c,d,e\ns,-,-,mbar,mbar\n{}", lines(|_, row| row.join(",")))).unwrap();
     assert_eq!((of.rows(), of.segments().len()), (ROWS, 1), "{:?}", of.notes());
     assert!((of.column("p_pos_kpa").unwrap()[7] - 0.1 * cells(7)[3]).abs() < 1e-4, "{:?}", of.notes());
 }

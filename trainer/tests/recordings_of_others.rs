@@ -243,7 +243,7 @@ fn validate_leaves_out_what_it_says() {
         json(&["validate", "--json", "--rig", &rig, &folder.with("sound.csv", csv("t,duty,kPa", &rows, |row| *row))]);
     let held = rows[2500][2];
     rows.iter_mut().skip(2500).for_each(|row| row[2] = held);
-    rows[700][2] = 1e30;
+    rows[700][2] = 1e20;
     let file = folder.with("held.csv", csv("t,duty,kPa", &rows, |row| *row));
     let said = run(["validate", "--rig", &rig, &file]);
     assert!(said.err.contains("stuck") && said.err.contains("1 wild reading"), "{}", said.err);
