@@ -53,7 +53,11 @@ pub(crate) fn late_in_place_of(candidates: &[Candidate], terms: &[usize], rival:
     let new: Vec<usize> = its.iter().copied().filter(|k| !own.contains(k)).collect();
     let gone = own.into_iter().filter(|term| !its.contains(term));
     let stands_in = |term: usize| {
-        let there = new.iter().filter(move |k| candidates[**k].side == candidates[term].side);
+        // Another shape of a mechanism is no other mechanism.
+        let there = new.iter().filter(move |k| {
+            let (one, other) = (&candidates[**k], &candidates[term]);
+            one.side == other.side && one.id != other.id
+        });
         there.map(move |k| (term, *k))
     };
     gone.flat_map(stands_in).collect()
@@ -245,6 +249,8 @@ mod tests {
         expected.sort_unstable();
         assert_eq!(found, expected);
         assert_eq!(late_in_place_of(&all, &sensors[1..], &valves), []);
+        let armature = of(&["valve_hysteresis:negative", "valve_lag:negative (armature)"]);
+        assert_eq!(late_in_place_of(&all, &of(&["valve_hysteresis:negative", "valve_lag:negative"]), &armature), []);
         assert_eq!(late_in_place_of(&all, &sensors, &sensors), []);
     }
 }
