@@ -12,7 +12,7 @@ use super::run_file::{RunFile, RunFileError};
 pub struct Ordered {
     /// Those that hold ticks.
     pub recordings: Vec<PathBuf>,
-    /// What is said of each that holds none, as where the disk was full when it was begun.
+    /// Notes on each that holds none, as where the disk was full when it was begun.
     pub without_ticks: Vec<String>,
 }
 

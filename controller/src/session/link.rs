@@ -253,7 +253,7 @@ impl Link {
     /// Waits for the newest reading until `until_ns` on the monotonic clock (`None`: for ever). Readings that it has overtaken,
     /// because they came together, are shown to `overtaken`, the oldest first.
     ///
-    /// What has already come is taken first, so a late wake-up of this thread loses nothing. What breaks the link behind a reading is
+    /// Bytes that have already come are taken first, so a late wake-up of this thread loses nothing. What breaks the link behind a reading is
     /// told by the next call: the reading may say why.
     ///
     /// # Real-time

@@ -172,7 +172,7 @@ impl<'a> Step<'a> {
     /// Takes any exit status but 0 for a failure.
     ///
     /// # Errors
-    /// Its last line where it failed.
+    /// Last line of it where it failed.
     pub(crate) fn require_success(&self, said: Said) -> Result<Said, AdaptError> {
         match said.status {
             Some(0) => Ok(said),

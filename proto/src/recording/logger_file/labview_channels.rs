@@ -20,7 +20,7 @@ use crate::recording::times::timestamps;
 
 /// Share of a step by which channels may begin apart and count as begun together, as devices do that one trigger starts.
 const TOGETHER: f64 = 0.01;
-/// The same where no step is said (s): a hundredth of a tick.
+/// Time by which they may where no step is said (s): a hundredth of a tick.
 const TOGETHER_S: f64 = 2e-4;
 
 /// Place of the clocks in the heads of channels.

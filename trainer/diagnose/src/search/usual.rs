@@ -7,7 +7,7 @@
 
 use super::additions::is_cheaper;
 use super::late::{LATE_SENSOR, LATE_VALVES};
-use super::terms::{is_open, kinds, starts_at, with};
+use super::terms::{is_open, kinds, starts, with};
 use super::{SearchSettings, earns_its_place};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::judge::evidence::evidence;
@@ -42,7 +42,7 @@ pub(super) fn usual_at_once(
         return None;
     }
     tell("trying all that is usual at once", 0.0);
-    let starts = starts_at(bench, candidates, (best, &best.fitted.point), &terms, &new, true);
+    let starts = starts(bench, candidates, best, &terms, &new, true);
     let all = bench.fit(candidates, &terms, &starts, Effort::Polish).ok()?;
     if bench.is_much(&left(bench, &all)) || !is_cheaper(bench, &all, best) {
         return None;
