@@ -5,6 +5,7 @@ mod cli;
 use std::process::ExitCode;
 
 use clap::CommandFactory;
+use controller::machine::signals::stopped_status;
 use manual::Explained;
 
 fn main() -> ExitCode {
@@ -13,13 +14,17 @@ fn main() -> ExitCode {
         Ok(arguments) => arguments,
         Err(error) => return explain(&error),
     };
-    ended(match arguments.run() {
+    let when_stopped = arguments.when_stopped();
+    let outcome = arguments.run();
+    let stopped = stopped_status().filter(|_| when_stopped.is_undone(&outcome));
+    let status = match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             controller::operator::console::notice(failure.line);
             ExitCode::from(failure.status)
         }
-    })
+    };
+    ended(stopped.map_or(status, ExitCode::from))
 }
 
 /// The exit status once all is printed: results that nobody could keep are no success.
@@ -33,7 +38,8 @@ fn ended(status: ExitCode) -> ExitCode {
 
 /// Help where it was asked for, two lines where the command line is wrong; the exit status.
 fn explain(error: &clap::Error) -> ExitCode {
-    let status = match manual::explain(&cli::Arguments::command(), error) {
+    let columns = proto::terminal_lines::width(&std::io::stdout());
+    let status = match manual::explain(&cli::Arguments::command(), error, columns) {
         Explained::Help(text) => {
             controller::operator::console::result(text.trim_end());
             ExitCode::SUCCESS

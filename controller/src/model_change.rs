@@ -14,6 +14,7 @@ use admission::model_comparison::{ModelFigures, Sample, compare, seconds_lacking
 use crossbeam::queue::ArrayQueue;
 use flight::Noter;
 use handover::Permit;
+use handover::crossing::{Inbox, Trail};
 use law::{FallbackSettings, RepetitionLearning, Repetitions};
 use model::predict::Predictor;
 use model::rig::{Rig, RigError};
@@ -122,9 +123,9 @@ pub struct ModelTickEnd {
 }
 
 struct Shared {
-    next: ArrayQueue<Box<ModelChange>>,
+    next: Inbox<Box<ModelChange>>,
     retired: ArrayQueue<Returned>,
-    samples: ArrayQueue<Numbered>,
+    samples: Trail<Numbered>,
     /// True where a change brings what learns from flights.
     learns: AtomicBool,
 }
@@ -171,9 +172,9 @@ pub struct ModelDesk {
 /// Makes both ends for a loop that begins with `rig`, of which `map` was made.
 pub fn ends(rig: &Rig, map: Arc<SteadyMap>) -> (ModelTickEnd, ModelDesk) {
     let shared = Arc::new(Shared {
-        next: ArrayQueue::new(1),
+        next: Inbox::new(1),
         retired: ArrayQueue::new(4),
-        samples: ArrayQueue::new(SAMPLES),
+        samples: Trail::new(SAMPLES),
         learns: AtomicBool::new(false),
     });
     let reach = Arc::new(ModelReach::of(map));
@@ -188,10 +189,11 @@ impl ModelTickEnd {
     /// # Real-time
     /// Runs in the tick.
     pub fn take(&self, state: State) -> Option<Box<ModelChange>> {
-        if self.shared.retired.is_full() {
+        // One slot stays free: the one that is written is never the one that is being read.
+        if self.shared.retired.len() + 1 >= self.shared.retired.capacity() {
             return None;
         }
-        let change = self.shared.next.pop()?;
+        let change = self.shared.next.take()?;
         if change.compared == Compared::No && state.is_controlling() {
             self.give_back(Returned::Refused(change));
             return None;
@@ -224,7 +226,7 @@ impl ModelTickEnd {
     /// Runs in the tick.
     pub fn keep(&mut self, sample: Sample) {
         self.kept += 1;
-        self.shared.samples.force_push((self.kept, sample));
+        self.shared.samples.leave((self.kept, sample));
     }
 }
 
@@ -296,7 +298,7 @@ impl ModelDesk {
 
     /// Takes samples off the tick's queue; no more than `most` are kept.
     fn collect(&self, samples: &mut VecDeque<Numbered>, most: usize) {
-        samples.extend(std::iter::from_fn(|| self.shared.samples.pop()));
+        samples.extend(std::iter::from_fn(|| self.shared.samples.take()));
         let surplus = samples.len().saturating_sub(most);
         samples.drain(..surplus);
     }
@@ -322,20 +324,20 @@ impl ModelDesk {
         let change = ModelChange::new(rig, &newest(&samples, followed), self.shared.learning(), Compared::Yes)?;
         while self.shared.retired.pop().is_some() {}
         // There is room: each that was put in before was taken in the tick that it was put in for.
-        let _ = self.shared.next.push(Box::new(change));
+        let _ = self.shared.next.put(Box::new(change));
         Ok(())
     }
 
     /// Waits until the tick has put it in or refused it; takes it back if it does neither.
     fn hand_over(&self, change: ModelChange) -> Result<HandOver, String> {
         while self.shared.retired.pop().is_some() {}
-        if self.shared.next.push(Box::new(change)).is_err() {
+        if self.shared.next.put(Box::new(change)).is_err() {
             return Err("another model is on its way; try again".to_owned());
         }
         if let Some(outcome) = self.returned_within(PATIENCE) {
             return Ok(outcome);
         }
-        match self.shared.next.pop() {
+        match self.shared.next.take_back() {
             Some(_) => Err("no tick took it; is the cRIO there?".to_owned()),
             // Taken in the last moment.
             None => Ok(self.returned_within(IN_TICK).unwrap_or(HandOver::PutIn)),

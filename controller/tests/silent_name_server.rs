@@ -4,6 +4,7 @@
 //! allows no such namespace, or has no python3, the test says so and is passed over.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -46,26 +47,55 @@ fn unshared(arguments: &[&str]) -> Command {
     command
 }
 
-#[test]
-fn the_end_does_not_wait_for_a_name_server() {
+/// Tells whether a namespace with a name server of its own can be had here; says so where it cannot.
+fn can_be_tried() -> bool {
     let may = |arguments: &[&str]| unshared(arguments).stderr(Stdio::null()).status().is_ok_and(|s| s.success());
-    if !may(&["mount", "--bind", "/etc/hosts", "/etc/resolv.conf"]) || !may(&["python3", "-c", "pass"]) {
+    let can = may(&["mount", "--bind", "/etc/hosts", "/etc/resolv.conf"]) && may(&["python3", "-c", "pass"]);
+    if !can {
         eprintln!("passed over: no namespace with a name server of its own can be had here, or no python3");
-        return;
     }
-    let _alone = alone();
-    let folder = Folder::new();
+    can
+}
+
+/// The controller with this command, beside a silent name server, and the file of a configuration that names its cRIO.
+fn beside_it(folder: &Folder, command: &str) -> (Running, PathBuf) {
     let config = folder.write(
         "c.toml",
         "link.address = \"crio.example:50500\"\npolicy.active = \"fallback\"\ncontrol.socket = \"s\"\n\
          realtime.enforce = false\n",
     );
-    let daemon = Running::start(
+    let running = Running::start(
         unshared(&["python3", "-c", SILENT_NAME_SERVER])
             .arg(folder.join(""))
-            .args([env!("CARGO_BIN_EXE_controller"), "run", "--config"])
+            .args([env!("CARGO_BIN_EXE_controller"), command, "--config"])
             .arg(&config),
     );
+    (running, config)
+}
+
+/// Looking up a name costs `check` a few seconds and no more, and is no reason to refuse the file.
+#[test]
+fn a_check_waits_a_few_seconds_for_a_name_server() {
+    if !can_be_tried() {
+        return;
+    }
+    let _alone = alone();
+    let folder = Folder::new();
+    let (checked, _) = beside_it(&folder, "check");
+    let ended = checked.wait();
+    assert!(folder.join("asked").exists(), "{ended:?}");
+    assert!(ended.stderr.contains("crio.example:50500: no name server has answered within 3 s"), "{ended:?}");
+    assert!(ended.stdout.contains("sound") && ended.status == Some(0), "{ended:?}");
+}
+
+#[test]
+fn the_end_does_not_wait_for_a_name_server() {
+    if !can_be_tried() {
+        return;
+    }
+    let _alone = alone();
+    let folder = Folder::new();
+    let (daemon, config) = beside_it(&folder, "run");
     let until = Instant::now() + SOON;
     while !folder.join("asked").exists() {
         assert!(Instant::now() < until, "nobody asked for the name: {}", daemon.stderr());

@@ -3,7 +3,7 @@
 //! The bytes go into a hidden file in the same folder, which is synced and then renamed over the
 //! target; at last the folder is synced, so that the new name survives a power cut. A reader sees
 //! the old file or the new one, never half of either, and a crash leaves at most a hidden file
-//! behind.
+//! behind. A process that a signal ends at once calls [`abandon`] before, and leaves none.
 //!
 //! A device, a pipe or a socket (`/dev/null`, `/dev/stdout`) is written to as it is: a rename would put a
 //! file in its place, and it would be gone.
@@ -15,6 +15,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Reason for which a file could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -59,12 +60,74 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), AtomicFileError> {
         return write_through(path, bytes).map_err(fail(AtomicFileStep::Write));
     }
     let aside = aside_path(path).map_err(fail(AtomicFileStep::Name))?;
-    let written = write_aside(&aside, path, bytes);
-    written.map_err(|(step, source)| {
+    let written = begin(&aside).and_then(|file| write_aside(file, &aside, path, bytes));
+    if written.is_err() {
         // The first error is the one to tell; a file that cannot be removed is only litter.
         let _ = std::fs::remove_file(&aside);
-        fail(step)(source)
-    })
+    }
+    being_written().retain(|other| *other != aside);
+    written.map_err(|(step, source)| fail(step)(source))
+}
+
+/// Creates a file aside, noted as being written from the first moment on.
+fn begin(aside: &Path) -> Result<File, (AtomicFileStep, io::Error)> {
+    let mut files = being_written();
+    let file = OpenOptions::new().write(true).create_new(true).open(aside);
+    if file.is_ok() {
+        files.push(aside.to_owned());
+    }
+    file.map_err(|source| (AtomicFileStep::Create, source))
+}
+
+/// A hidden file for a moment, from which its maker makes another: written whole, and removed where this is dropped or the process is
+/// [`abandon`]ed.
+#[derive(Debug)]
+pub struct HiddenFile {
+    path: PathBuf,
+}
+
+impl HiddenFile {
+    /// Writes it.
+    ///
+    /// # Errors
+    /// As [`write`].
+    pub fn write(path: PathBuf, bytes: &[u8]) -> Result<Self, AtomicFileError> {
+        being_written().push(path.clone());
+        let this = HiddenFile { path };
+        write(&this.path, bytes)?;
+        Ok(this)
+    }
+
+    /// The path that it was given.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+impl Drop for HiddenFile {
+    fn drop(&mut self) {
+        // One that cannot be removed is only litter, and one that could not be written is not there.
+        let _ = std::fs::remove_file(&self.path);
+        being_written().retain(|other| *other != self.path);
+    }
+}
+
+/// Removes what every thread is writing aside. No file begins and no writer returns after it, so the process must end right away.
+pub fn abandon() {
+    let files = being_written();
+    // The last first: what is still being written into a hidden file goes before that file, and cannot take its name afterwards.
+    for aside in files.iter().rev() {
+        // One that has its name by now is whole.
+        let _ = std::fs::remove_file(aside);
+    }
+    // Whoever wrote one waits here until the process is gone, instead of telling that it cannot be renamed.
+    std::mem::forget(files);
+}
+
+/// Files that are being written aside by this process.
+fn being_written() -> MutexGuard<'static, Vec<PathBuf>> {
+    static FILES: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+    FILES.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Tells whether a path leads to something that is there and neither a file nor a folder: a device, a pipe, a socket.
@@ -89,9 +152,8 @@ pub fn rename_synced(from: &Path, to: &Path) -> Result<(), AtomicFileError> {
     sync_folder(to).map_err(fail(AtomicFileStep::Sync))
 }
 
-fn write_aside(aside: &Path, path: &Path, bytes: &[u8]) -> Result<(), (AtomicFileStep, io::Error)> {
+fn write_aside(mut file: File, aside: &Path, path: &Path, bytes: &[u8]) -> Result<(), (AtomicFileStep, io::Error)> {
     let step = |step| move |source| (step, source);
-    let mut file = OpenOptions::new().write(true).create_new(true).open(aside).map_err(step(AtomicFileStep::Create))?;
     file.write_all(bytes).map_err(step(AtomicFileStep::Write))?;
     file.sync_all().map_err(step(AtomicFileStep::Sync))?;
     drop(file);
@@ -188,6 +250,45 @@ mod tests {
         write(&link, b"gone").unwrap();
         assert!(link.is_symlink() && is_no_file(Path::new("/dev/null")));
         assert_eq!(names(&folder), ["link", "pipe"]);
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    /// A second Ctrl-C comes while a thread writes: the process ends then and there, with what it wrote last or nothing, and no litter.
+    #[test]
+    fn a_process_that_ends_at_once_leaves_nothing_beside() {
+        const FOLDER: &str = "FOLDER_OF_A_PROCESS_THAT_ENDS_AT_ONCE";
+        if let Some(folder) = std::env::var_os(FOLDER) {
+            // This is that process.
+            let folder = Path::new(&folder).to_owned();
+            let (path, hidden) = (folder.join("a.bin"), folder.join(".b.new"));
+            std::thread::spawn({
+                let path = path.clone();
+                move || {
+                    loop {
+                        write(&path, &[1; 1 << 20]).unwrap();
+                    }
+                }
+            });
+            std::thread::spawn(move || {
+                loop {
+                    drop(HiddenFile::write(hidden.clone(), &[2; 1 << 16]).unwrap());
+                }
+            });
+            while !path.exists() {
+                std::thread::sleep(std::time::Duration::from_millis(1));
+            }
+            std::thread::sleep(std::time::Duration::from_millis(30));
+            abandon();
+            std::process::exit(0);
+        }
+        let folder = folder("ends");
+        for _ in 0..8 {
+            let mut process = std::process::Command::new(std::env::current_exe().unwrap());
+            process.args(["--exact", "atomic_file::tests::a_process_that_ends_at_once_leaves_nothing_beside"]);
+            assert!(process.env(FOLDER, &folder).output().unwrap().status.success());
+            assert_eq!(names(&folder), ["a.bin"]);
+        }
+        assert_eq!(std::fs::read(folder.join("a.bin")).unwrap(), [1; 1 << 20]);
         std::fs::remove_dir_all(folder).unwrap();
     }
 

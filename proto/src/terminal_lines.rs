@@ -6,23 +6,34 @@
 
 use std::borrow::Cow;
 use std::io::IsTerminal;
+use std::os::fd::AsFd;
 
 /// Characters of a line on a terminal that does not say how wide it is.
 const WIDTH: usize = 80;
-/// The least width that sentences are broken to; a terminal that says less says nothing.
+/// The least width that sentences are broken to, however narrow a terminal is.
 const LEAST_WIDTH: usize = 40;
 /// Beginnings of commands to paste.
 const COMMANDS: [&str; 4] = ["trainer ", "controller ", "cargo ", "sudo "];
 
 /// A text for a stream, its sentences broken where the stream is a terminal.
-pub fn for_stream<'t>(text: &'t str, stream: &impl IsTerminal) -> Cow<'t, str> {
-    if stream.is_terminal() { Cow::Owned(broken(text, width())) } else { Cow::Borrowed(text) }
+pub fn for_stream<'t>(text: &'t str, stream: &(impl IsTerminal + AsFd)) -> Cow<'t, str> {
+    if stream.is_terminal() { Cow::Owned(broken(text, width(stream))) } else { Cow::Borrowed(text) }
 }
 
-/// `COLUMNS` where the shell hands it on.
-fn width() -> usize {
-    let columns = std::env::var("COLUMNS").ok().and_then(|columns| columns.parse().ok());
-    columns.filter(|columns| *columns >= LEAST_WIDTH).unwrap_or(WIDTH)
+/// Characters of a line on a stream: of a terminal `COLUMNS` where somebody exports it, which shells do not, or else what the terminal
+/// itself says; 80 where nothing is said, and in files and pipes.
+pub fn width(stream: &(impl IsTerminal + AsFd)) -> usize {
+    if !stream.is_terminal() {
+        return WIDTH;
+    }
+    let exported = std::env::var("COLUMNS").ok().and_then(|columns| columns.parse().ok());
+    exported.filter(|columns| *columns > 0).or_else(|| own_width(stream)).map_or(WIDTH, |width| width.max(LEAST_WIDTH))
+}
+
+/// Width that a terminal says it has; many behind a serial line say 0, which is none.
+fn own_width(terminal: &impl AsFd) -> Option<usize> {
+    let size = rustix::termios::tcgetwinsize(terminal).ok()?;
+    Some(usize::from(size.ws_col)).filter(|columns| *columns > 0)
 }
 
 /// Sentences of a text broken between words to lines of `width` characters at most, what has columns or is a command as it is.
@@ -87,6 +98,12 @@ mod tests {
             ]
         );
         assert_eq!(said.split_whitespace().collect::<Vec<_>>(), text.split_whitespace().collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_file_has_no_width_of_its_own() {
+        let file = std::fs::File::open("/dev/null").unwrap();
+        assert_eq!((own_width(&file), width(&file)), (None, WIDTH));
     }
 
     #[test]

@@ -108,7 +108,7 @@ fn transfer(rig: &UnknownRig, run: &Path, folder: &Path, programs: &Path, update
     // Nor a bound on exploration: what is drawn is the policy's own distribution, cut off at two deviations alone.
     let lines = "policy.active = \"untouched\"\npolicy.follow = \"newest\"\npolicy.when_behind = \"fly\"\n\
                  policy.exploration_max_duty = 0.1\nreference.repeat = true";
-    let daemon = UnhurriedDaemon::try_start(rig, LEAST_TICK, folder, programs, lines)?;
+    let daemon = UnhurriedDaemon::try_start(rig, 1, LEAST_TICK, folder, programs, lines)?;
     let log = |name: &str| std::fs::File::create(folder.join(name)).unwrap();
     let steps = TRANSFER_TICKS.to_string();
     let mut finetune = daemon

@@ -173,7 +173,7 @@ impl Laboratory {
 
     /// Recordings whose names begin so, in order.
     pub fn recordings(&self, stem: &str) -> Vec<PathBuf> {
-        recordings(&self.folder, stem)
+        recordings(&self.folder, RECORDINGS, stem)
     }
 
     /// Ends both, the daemon first.
@@ -202,7 +202,7 @@ pub struct Closed {
 impl Closed {
     /// Recordings whose names begin so, in order.
     pub fn recordings(&self, stem: &str) -> Vec<PathBuf> {
-        recordings(&self.folder, stem)
+        recordings(&self.folder, RECORDINGS, stem)
     }
 
     /// The ticks of the run, from all of its files.
@@ -210,24 +210,31 @@ impl Closed {
     /// # Panics
     /// If a recording cannot be read.
     pub fn ticks(&self) -> Vec<TickRecord> {
-        let read = |file: PathBuf| read_mcap(&file).unwrap_or_else(|e| panic!("{}: {e}", file.display())).ticks;
-        self.recordings("run-").into_iter().flat_map(read).collect()
+        ticks(&self.recordings("run-"))
     }
 
     /// Replays the run from all of its files, and answers what was found.
     ///
     /// # Panics
-    /// If a bit differs, or a tick was not compared.
+    /// As [`check_replay`].
     pub fn check_replay(&self) -> Value {
-        let ticks = self.ticks().len();
-        let mut command = Command::new(program("controller"));
-        let replay = Running::start(command.args(["replay", "--json"]).args(self.recordings("run-")));
-        let ended = replay.wait(SOON + REPLAY_OF_A_TICK * u32::try_from(ticks).unwrap_or(u32::MAX));
-        assert_eq!(ended.status, Some(0), "{ended:?}");
-        let found: Value = serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {ended:?}"));
-        assert_eq!(found["ticks"], ticks, "{found}");
-        found
+        check_replay(&self.recordings("run-"))
     }
+}
+
+/// Replays a run from all of its files, and answers what was found.
+///
+/// # Panics
+/// If a bit differs, or a tick was not compared.
+pub fn check_replay(files: &[PathBuf]) -> Value {
+    let ticks = ticks(files).len();
+    let mut command = Command::new(program("controller"));
+    let replay = Running::start(command.args(["replay", "--json"]).args(files));
+    let ended = replay.wait(SOON + REPLAY_OF_A_TICK * u32::try_from(ticks).unwrap_or(u32::MAX));
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    let found: Value = serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {ended:?}"));
+    assert_eq!(found["ticks"], ticks, "{found}");
+    found
 }
 
 /// An emulated cRIO with a rig behind it, a built-in name or a file, and the address that it listens on.
@@ -253,7 +260,15 @@ fn controller(arguments: &[&str], config: &Path) -> Command {
     command
 }
 
-fn recordings(folder: &Folder, stem: &str) -> Vec<PathBuf> {
-    let names = folder.names(RECORDINGS);
-    names.iter().filter(|name| name.starts_with(stem)).map(|name| folder.join(RECORDINGS).join(name)).collect()
+/// Ticks of these recordings.
+fn ticks(files: &[PathBuf]) -> Vec<TickRecord> {
+    let read = |file: &PathBuf| read_mcap(file).unwrap_or_else(|e| panic!("{}: {e}", file.display())).ticks;
+    files.iter().flat_map(read).collect()
+}
+
+/// Recordings in a subfolder whose names begin so, in order.
+pub fn recordings(folder: &Folder, subfolder: &str, stem: &str) -> Vec<PathBuf> {
+    let names = folder.names(subfolder);
+    let is_one = |name: &&String| name.starts_with(stem) && name.ends_with(".mcap");
+    names.iter().filter(is_one).map(|name| folder.join(subfolder).join(name)).collect()
 }

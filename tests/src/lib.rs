@@ -13,6 +13,7 @@ pub mod in_process;
 pub mod laboratory;
 pub mod live_viewer;
 pub mod lockstep;
+pub mod oracle;
 pub mod programme;
 pub mod raw_crio;
 pub mod scene;

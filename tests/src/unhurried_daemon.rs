@@ -42,15 +42,15 @@ pub struct UnhurriedDaemon {
 }
 
 impl UnhurriedDaemon {
-    /// Starts both in a folder, with further lines of the configuration (`table.key = value`), and waits until the daemon controls.
+    /// Starts both in a folder, the rig with its sensors' noise of a seed, and waits until the daemon controls.
     ///
     /// # Panics
     /// If one of them does not start, or the daemon does not control in a minute.
-    pub fn start(rig: &UnknownRig, least_tick: Duration, folder: &Path, programs: &Path, lines: &str) -> Self {
-        Self::try_start(rig, least_tick, folder, programs, lines).unwrap_or_else(|refusal| panic!("{refusal}"))
+    pub fn start(rig: &UnknownRig, seed: u64, least_tick: Duration, folder: &Path, programs: &Path) -> Self {
+        Self::try_start(rig, seed, least_tick, folder, programs, "").unwrap_or_else(|refusal| panic!("{refusal}"))
     }
 
-    /// As [`Self::start`], where the daemon may refuse what it is given.
+    /// As [`Self::start`], with further lines of the configuration (`table.key = value`), where the daemon may refuse what it is given.
     ///
     /// # Errors
     /// The daemon ended before it controlled: its last line.
@@ -59,12 +59,13 @@ impl UnhurriedDaemon {
     /// If one of them does not start, or the daemon neither ends nor controls in a minute.
     pub fn try_start(
         rig: &UnknownRig,
+        seed: u64,
         least_tick: Duration,
         folder: &Path,
         programs: &Path,
         lines: &str,
     ) -> Result<Self, String> {
-        let config = EmulatorConfig { crio: rig.crio(), pace: Pace::LOCKSTEP, seed: 1, ..EmulatorConfig::default() };
+        let config = EmulatorConfig { crio: rig.crio(), pace: Pace::LOCKSTEP, seed, ..EmulatorConfig::default() };
         let plant = Unhurried { plant: rig.plant(), least_tick, last: Instant::now() };
         let emulator = Emulator::bind("127.0.0.1:0", config, Box::new(plant)).expect("an address of this machine");
         let text = format!(

@@ -405,13 +405,13 @@ fn a_model_that_tracks_worse_is_taken_back_before_its_flight_is_over() {
 /// reference are.
 #[test]
 fn a_run_that_is_stopped_on_the_way_leaves_model_policy_and_reference_as_they_were() {
-    for signal in ["INT", "TERM"] {
+    for (signal, status) in [("INT", 130), ("TERM", 143)] {
         let stand_in = StandIn::new(Manners { policies_become: "ramp", ..GOOD });
         let running = stand_in.begin(&[]);
         running.line(Stream::Err, "out/back-and-forth.csv", Duration::from_secs(120));
         running.signal(signal);
         let ended = running.wait(Duration::from_secs(120));
-        assert_eq!(ended.status, Some(1), "{ended:?}");
+        assert_eq!(ended.status, Some(status), "{ended:?}");
         assert!(ended.stderr.contains("stopped; model, policy and reference are as they were"), "{}", ended.stderr);
         assert_eq!(stand_in.followed(), "operators.csv", "{ended:?}");
         let changes = stand_in.changes();

@@ -91,6 +91,36 @@ fn a_recording_that_is_cut_or_damaged_is_not_replayed_as_if_it_were_whole() {
     assert!(!first.stderr.contains("give the recording before it"), "{first:?}");
 }
 
+/// A part without ticks, as where the disk was full when it was begun: the whole ones are replayed, and it is named. A file without a byte
+/// is no recording at all, and nobody can say what it was to hold.
+#[test]
+fn an_empty_file_beside_whole_recordings_is_named() {
+    let folder = Folder::new();
+    let whole = recorded(&folder);
+    let sound = folder.write("sound.mcap", &whole);
+    // Up to the beginning of its first chunk: the head alone.
+    let head = folder.write("head.mcap", &whole[..chunks(&whole)[0].start - 9]);
+    let both = |one: &Path, other: &Path| {
+        finish(Command::new(program("controller")).args(["replay", "--json"]).arg(one).arg(other))
+    };
+    let alone = found(&replay(&sound));
+    for (one, other) in [(&sound, &head), (&head, &sound)] {
+        let ended = both(one, other);
+        let told = found(&ended);
+        assert_eq!((ended.status, &told["ticks"]), (Some(1), &alone["ticks"]), "{ended:?}");
+        assert_eq!(told["ticks_differing"], 0, "{ended:?}");
+        assert!(ended.stderr.contains("not all was compared") && ended.stderr.contains("head.mcap"), "{ended:?}");
+    }
+    let nothing = folder.write("nothing.mcap", b"");
+    for (one, other) in [(&sound, &nothing), (&nothing, &sound)] {
+        let ended = both(one, other);
+        assert_eq!(ended.status, Some(2), "{ended:?}");
+        assert!(ended.stderr.contains("nothing.mcap: the file is empty"), "{ended:?}");
+    }
+    let two_heads = both(&head, &folder.write("head-2.mcap", &whole[..chunks(&whole)[0].start - 9]));
+    assert_eq!(two_heads.status, Some(2), "none of them holds a tick: {two_heads:?}");
+}
+
 /// One wrong byte in a file inside costs the ticks nothing; a replay needs some of these files.
 #[test]
 fn a_damaged_file_inside_is_named_and_the_ticks_are_read() {

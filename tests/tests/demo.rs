@@ -103,17 +103,19 @@ fn tracks_the_papers_reference_on_the_bench() {
 /// Ctrl-C while the yardstick is still worked out: the run has not begun, and what an earlier demo left stays.
 #[test]
 fn stopped_before_the_run_it_leaves_the_folder_as_it_was() {
-    let folder = Folder::new();
-    let old = folder.write("flight.mcap", "an earlier run");
-    let mut command = Command::new(program("controller"));
-    command.args(["demo", "--fast", "--seconds", "3000", "--out"]).arg(folder.join(""));
-    let demo = Running::start(&mut command);
-    demo.line(Stream::Out, "valve duty  slowest", Duration::from_secs(20));
-    demo.signal("INT");
-    let ended = demo.wait(Duration::from_secs(30));
-    assert_eq!(ended.status, Some(130), "{}", ended.stderr);
-    assert!(ended.stderr.contains("stopped before the run began"), "{}", ended.stderr);
-    assert_eq!(std::fs::read_to_string(old).unwrap(), "an earlier run");
+    for (signal, status) in [("INT", 130), ("TERM", 143)] {
+        let folder = Folder::new();
+        let old = folder.write("flight.mcap", "an earlier run");
+        let mut command = Command::new(program("controller"));
+        command.args(["demo", "--fast", "--seconds", "3000", "--out"]).arg(folder.join(""));
+        let demo = Running::start(&mut command);
+        demo.line(Stream::Out, "valve duty  slowest", Duration::from_secs(20));
+        demo.signal(signal);
+        let ended = demo.wait(Duration::from_secs(30));
+        assert_eq!(ended.status, Some(status), "{}", ended.stderr);
+        assert!(ended.stderr.contains("stopped before the run began"), "{}", ended.stderr);
+        assert_eq!(std::fs::read_to_string(old).unwrap(), "an earlier run");
+    }
 }
 
 #[test]

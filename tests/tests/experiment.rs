@@ -151,7 +151,12 @@ fn played(content: &McapContent) -> Vec<&TickRecord> {
 
 /// The last line on standard error, after a failure with status 1.
 fn aborted(ended: &RunStatus) -> String {
-    assert_eq!(ended.status, Some(1), "{ended:?}");
+    aborted_with(1, ended)
+}
+
+/// The last line on standard error, after a failure with this status.
+fn aborted_with(status: i32, ended: &RunStatus) -> String {
+    assert_eq!(ended.status, Some(status), "{ended:?}");
     ended.stderr.lines().last().unwrap_or_default().to_owned()
 }
 
@@ -325,12 +330,12 @@ fn one_lost_frame_costs_a_reading_and_not_the_experiment() {
 #[test]
 fn ctrl_c_and_sigterm_open_the_vents_and_keep_the_recording() {
     let rows = programme(3000);
-    for signal in ["INT", "TERM"] {
+    for (signal, status) in [("INT", 130), ("TERM", 143)] {
         let bench = Bench::new(Set { unhurried: true, ..Set::default() });
         let running = Running::start(&mut bench.command(&csv(&rows)));
         running.line(Err, "the first row is played", SOON);
         running.signal(signal);
-        let line = aborted(&running.wait(SOON));
+        let line = aborted_with(status, &running.wait(SOON));
         assert!(line.contains("stopped by hand"), "{line}");
         check_kept(&bench, &rows, &line);
         // The BYE has ended the session, and with it every command but open vents.

@@ -1,5 +1,5 @@
 //! The tick's own thread in a running daemon, watched from outside: it allocates nothing and touches no new page while a
-//! session lasts, whatever comes over the wire.
+//! session lasts, whatever comes over the wire; and its recording replays to the bit, whatever came.
 //!
 //! A million ticks of random faults: `cargo test --release --workspace --test tick_thread -- --ignored --nocapture`; `TICKS` in
 //! the environment sets another number.
@@ -16,6 +16,7 @@ use tests::coarse_rigs::{coarse, write_coarse};
 use tests::counting_allocator::{CountingAllocator, allocations};
 use tests::dice::Dice;
 use tests::in_process::Daemon;
+use tests::laboratory::{check_replay, recordings};
 use tests::raw_crio::{Answer, RawCrio};
 use tests::task::{memory_is_locked, page_faults};
 use tests::{Folder, alone};
@@ -30,7 +31,7 @@ fn configuration(folder: &Folder, address: &str, pacing: &str, policy: &str) -> 
     let model = write_coarse("dual_pressure", folder);
     let text = format!(
         "rig.file = {model:?}\n[link]\naddress = \"{address}\"\npacing = \"{pacing}\"\n[policy]\n{policy}\n[record]\ndirectory = \"runs\"\nmin_free_mib = 16\n\
-         max_mib = 64\nkeep_gib = 1\n[control]\nsocket = \"s\"\nauto_arm = true\n[realtime]\nenforce = false\n"
+         max_mib = 64\n[control]\nsocket = \"s\"\nauto_arm = true\n[realtime]\nenforce = false\n"
     );
     folder.write("controller.toml", text)
 }
@@ -358,6 +359,11 @@ fn soak(ticks: u64, seed: u64) -> Seen {
     println!("{seen:#?}");
     assert_eq!(PANICS.load(Ordering::Relaxed), 0, "panics");
     assert_eq!(seen.allocations, 0, "allocations on the tick's thread within sessions");
+    // Whatever befell a tick, its record holds what it was decided by.
+    let found = check_replay(&recordings(&folder, "runs", ""));
+    println!("replayed: {found}");
+    // What was answered with duties has a record.
+    assert!(found["ticks"].as_u64() >= Some(seen.controlled), "{found}: {seen:?}");
     // The limits are 160 and -95 kPa; a sensor may be off by ten and not be found out.
     assert!(seen.most_kpa < 160.0 && seen.least_kpa > -95.0, "{seen:?}");
     // In the wire's single precision.
@@ -378,4 +384,15 @@ fn twenty_thousand_ticks_of_random_faults_allocate_nothing_and_leave_no_limit() 
 fn a_million_ticks_of_random_faults_allocate_nothing_and_leave_no_limit() {
     let ticks = std::env::var("TICKS").ok().and_then(|text| text.parse().ok()).unwrap_or(1_000_000);
     soak(ticks, 2);
+}
+
+/// Tests of the thorough tier (docs/testing.md).
+mod thorough {
+    use super::*;
+
+    #[test]
+    #[ignore = "thorough: docs/testing.md"]
+    fn a_hundred_thousand_ticks_of_random_faults_are_replayed_to_the_bit() {
+        soak(100_000, 3);
+    }
 }

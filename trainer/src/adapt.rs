@@ -2,8 +2,6 @@
 
 use std::io::{BufRead, IsTerminal, Write};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
@@ -18,10 +16,11 @@ use clap::Args;
 use proto::emulator::load_for_loop;
 use proto::{live_line, output};
 use serde_json::json;
-use signal_hook::consts::{SIGINT, SIGTERM};
 
 use crate::failure::{Failure, tell};
 use crate::stdout;
+use crate::stop_signal::StopSignal;
+use crate::work_shown::clock;
 
 /// Adapts model and policy to the rig that a running daemon controls: the whole loop in one command.
 ///
@@ -31,7 +30,7 @@ use crate::stdout;
 /// reference is begun anew for every figure, and put back at every end. A run that tracks worse than what was there is
 /// ended early. Every step is a command that is shown; one that fails leaves model and
 /// policy as they were, and --resume goes on from there. --rehearse does all of it against a concealed rig here.
-/// Exit status: 0 it tracks better than before, 1 it does not or a step failed, 2 wrong usage.
+/// Exit status: 0 it tracks better than before, 1 it does not or a step failed, 2 wrong usage, 130 or 143 stopped.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   trainer adapt --rehearse --out out/rehearsal
@@ -65,7 +64,7 @@ pub(crate) struct AdaptArgs {
     /// Search for missing physics to the end instead of for a first look
     #[arg(long)]
     thorough: bool,
-    /// Train a policy also where the best that was found leaves less than a tenth more than any controller must
+    /// Train a policy also where the best that was found leaves less than a quarter more than any controller must
     #[arg(long)]
     train_anyway: bool,
     /// Rounds of training at most
@@ -89,11 +88,13 @@ pub(crate) struct AdaptArgs {
 }
 
 pub(crate) fn run(args: &AdaptArgs) -> Result<(), Failure> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::Signals)?;
-    }
-    let mut terminal = Terminal::new(stop);
+    // A second signal ends nothing: what is being put back is put back.
+    let stop = StopSignal::listen()?;
+    adapt(args, Terminal::new(stop.clone()))
+        .map_err(|failure| if failure.is_stopped_adaptation() { stop.stopped(failure.to_string()) } else { failure })
+}
+
+fn adapt(args: &AdaptArgs, mut terminal: Terminal) -> Result<(), Failure> {
     let programs = programs(args)?;
     let mut outcome = if let Some(out) = &args.resume {
         if out.join(REHEARSAL).is_dir() {
@@ -212,7 +213,7 @@ const LINE_EVERY: Duration = Duration::from_secs(15);
 
 /// Steps, commands, and what is being waited for; on a terminal the last in one line that is written over.
 struct Terminal {
-    stop: Arc<AtomicBool>,
+    stop: StopSignal,
     terminal: bool,
     step: String,
     began: Instant,
@@ -221,7 +222,7 @@ struct Terminal {
 }
 
 impl Terminal {
-    fn new(stop: Arc<AtomicBool>) -> Self {
+    fn new(stop: StopSignal) -> Self {
         let now = Instant::now();
         let terminal = std::io::stderr().is_terminal();
         Terminal { stop, terminal, step: String::new(), began: now, next: now + LINE_EVERY, is_shown: false }
@@ -270,7 +271,7 @@ impl Console for Terminal {
     }
 
     fn stop(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        self.stop.has_come()
     }
 
     fn ask(&mut self, question: &str) -> bool {
@@ -297,11 +298,6 @@ impl Console for Terminal {
         write("\n");
         false
     }
-}
-
-/// Minutes and seconds: `1:07`.
-fn clock(time: Duration) -> String {
-    format!("{}:{:02}", time.as_secs() / 60, time.as_secs() % 60)
 }
 
 fn write(text: &str) {

@@ -97,12 +97,26 @@ pub(crate) enum Failure {
     Stdout(io::Error),
     #[error("SIGINT and SIGTERM cannot be caught: {0}")]
     Signals(io::Error),
+    #[error("{said}")]
+    Stopped { said: String, status: u8 },
 }
 
 impl Failure {
-    /// Exit status: 2 where the user's input is to be mended, 1 where the work failed.
+    /// Tells whether an adaptation was stopped.
+    pub(crate) fn is_stopped_adaptation(&self) -> bool {
+        match self {
+            Self::Rehearsal(error)
+            | Self::Adapt { error, .. }
+            | Self::NotBegun { error, .. }
+            | Self::Rehearsed { error } => matches!(error, AdaptError::Stopped),
+            _ => false,
+        }
+    }
+
+    /// Exit status: 2 where the user's input is to be mended, 1 where the work failed, more where a signal stopped it.
     pub(crate) fn status(&self) -> u8 {
         match self {
+            Self::Stopped { status, .. } => *status,
             Self::Training(TrainingError::Diverged { .. } | TrainingError::Write(_)) => FAILED,
             Self::Training(_) => BAD_INPUT,
             Self::Finetune(

@@ -2,8 +2,6 @@
 
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use ::finetune::recording_folder::RecordingFolder;
@@ -13,11 +11,11 @@ use ::finetune::{
 use clap::Args;
 use proto::live_line;
 use serde_json::json;
-use signal_hook::consts::{SIGINT, SIGTERM};
 use training::{PolicyStart, TrainingError};
 
 use crate::failure::{Failure, tell};
 use crate::stdout;
+use crate::stop_signal::StopSignal;
 use crate::train::MOST_THREADS;
 
 /// Goes on training a policy on the running rig: Soft Actor-Critic with smooth actions on what the daemon records.
@@ -97,12 +95,7 @@ fn name(text: &str) -> Result<String, String> {
 }
 
 pub(crate) fn run(args: &FinetuneArgs) -> Result<(), Failure> {
-    let (stop, kept) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
-    for signal in [SIGINT, SIGTERM] {
-        // A second signal ends the program at once, but not before the checkpoint of the first is written.
-        signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&kept)).map_err(Failure::Signals)?;
-        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::Signals)?;
-    }
+    let stop = StopSignal::listen()?;
     if rustix::process::nice(NICEST).is_err() {
         tell("runs at the usual priority: the system does not let it step back");
     }
@@ -111,12 +104,18 @@ pub(crate) fn run(args: &FinetuneArgs) -> Result<(), Failure> {
     let threads = args.threads.map_or(spare, |n| usize::try_from(n).unwrap_or(1));
     let mut run = begin(args, threads)?;
     let source = if args.offline { Source::Recordings } else { Source::Daemon };
-    let mut bar = Bar { stop, kept, terminal: std::io::stderr().is_terminal(), next: Instant::now(), is_shown: false };
+    let mut bar =
+        Bar { stop: stop.clone(), terminal: std::io::stderr().is_terminal(), next: Instant::now(), is_shown: false };
     let ended = run.go(source, &mut bar)?;
     bar.clear();
     let summary = run.summary();
+    let done = match ended {
+        Status::Finished | Status::UsedUp => Ok(()),
+        Status::Stopped => Err(stop.stopped("stopped before its end")),
+    };
     if args.json {
-        return stdout::say_json(&json!(summary));
+        // The status of a stop counts, whether or not its summary can be told.
+        return done.and(stdout::say_json(&json!(summary)));
     }
     let folder = run.files().folder().display();
     let mut text = match ended {
@@ -153,7 +152,7 @@ pub(crate) fn run(args: &FinetuneArgs) -> Result<(), Failure> {
     if let Some(last) = &summary.last_published {
         text += &format!("published last: {}", run.settings().publish.join(last).display());
     }
-    stdout::say(text.trim_end())
+    done.and(stdout::say(text.trim_end()))
 }
 
 fn begin(args: &FinetuneArgs, threads: usize) -> Result<FinetuneRun, Failure> {
@@ -213,8 +212,7 @@ const BAR_WIDTH: usize = 20;
 
 /// Progress: one bar over all ticks on a terminal, plain lines elsewhere.
 struct Bar {
-    stop: Arc<AtomicBool>,
-    kept: Arc<AtomicBool>,
+    stop: StopSignal,
     terminal: bool,
     next: Instant,
     is_shown: bool,
@@ -249,11 +247,11 @@ impl FinetuneCallback for Bar {
     }
 
     fn stop(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        self.stop.has_come()
     }
 
     fn is_kept(&mut self) {
-        self.kept.store(true, Ordering::Relaxed);
+        self.stop.may_end();
     }
 
     fn say(&mut self, text: &str) {

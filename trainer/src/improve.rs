@@ -1,12 +1,9 @@
 //! `trainer improve`: makes a policy better by trying out its answers in simulation.
 
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
 use serde_json::json;
-use signal_hook::consts::{SIGINT, SIGTERM};
 use training::metrics::Evaluated;
 use training::rollouts::Round;
 use training::{RolloutCallback, RolloutRun, RolloutSummary, RunStatus};
@@ -14,6 +11,7 @@ use training::{RolloutCallback, RolloutRun, RolloutSummary, RunStatus};
 use crate::failure::{Failure, tell};
 use crate::progress::Progress;
 use crate::stdout;
+use crate::stop_signal::StopSignal;
 use crate::train::{MOST_THREADS, settings_of};
 
 /// Makes a policy better by trying out its answers in simulation.
@@ -62,12 +60,9 @@ pub(crate) struct ImproveArgs {
 }
 
 pub(crate) fn run(args: &ImproveArgs) -> Result<(), Failure> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        // Whatever a second signal ends, the checkpoint of the last round is whole.
-        signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&stop)).map_err(Failure::Signals)?;
-        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::Signals)?;
-    }
+    let stop = StopSignal::listen()?;
+    // Whatever a second signal ends, the checkpoint of the last round is whole.
+    stop.may_end();
     let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
     let threads = args.threads.map_or(cores.min(MOST_THREADS), |n| usize::try_from(n).unwrap_or(1));
     let mut run = match (&args.resume, &args.out) {
@@ -84,17 +79,24 @@ pub(crate) fn run(args: &ImproveArgs) -> Result<(), Failure> {
         _ => return Ok(()),
     };
     tell(&run.taken());
-    let left = run.rounds().saturating_sub(run.rounds_done());
-    let mut shown = Shown { stop, progress: Progress::new("improving", left * run.episodes()) };
+    let began_behind = run.rounds_done();
+    let left = run.rounds().saturating_sub(began_behind);
+    let progress = Progress::new("improving", left * run.episodes());
+    let mut shown = Shown { stop: stop.clone(), progress, began_behind };
     let ended = run.go(&mut shown)?;
+    let done = match ended {
+        RunStatus::Finished => Ok(()),
+        RunStatus::Stopped => Err(stop.stopped("stopped before its end")),
+    };
     let folder = run.files().folder().display().to_string();
     if !run.has_begun() {
-        if args.json {
-            return stdout::say_json(&json!({ "rounds": 0, "rounds_planned": run.rounds(), "kept": null }));
-        }
-        return stdout::say(&format!(
-            "stopped before anything was scored; go on with: trainer improve --resume {folder}"
-        ));
+        let said = if args.json {
+            stdout::say_json(&json!({ "rounds": 0, "rounds_planned": run.rounds(), "kept": null }))
+        } else {
+            stdout::say(&format!("stopped before anything was scored; go on with: trainer improve --resume {folder}"))
+        };
+        // The status of a stop counts, whether or not its summary can be told.
+        return done.and(said);
     }
     let summary = match ended {
         RunStatus::Finished => run.finish()?,
@@ -106,7 +108,7 @@ pub(crate) fn run(args: &ImproveArgs) -> Result<(), Failure> {
         }
     };
     if args.json {
-        return stdout::say_json(&json!(summary));
+        return done.and(stdout::say_json(&json!(summary)));
     }
     let mut text = match ended {
         RunStatus::Finished => {
@@ -121,7 +123,7 @@ pub(crate) fn run(args: &ImproveArgs) -> Result<(), Failure> {
     text += &figures(&summary);
     text += &format!("see {}", run.files().report().display());
     text += &format!("; run it: controller demo --policy {}", run.files().onnx().display());
-    stdout::say(&text)
+    done.and(stdout::say(&text))
 }
 
 /// Tables of what is kept beside what the run began with and the fallback.
@@ -146,8 +148,10 @@ fn figures(summary: &RolloutSummary) -> String {
 
 /// A bar over all episodes, and a line for each round.
 struct Shown {
-    stop: Arc<AtomicBool>,
+    stop: StopSignal,
     progress: Progress,
+    /// Rounds that earlier sittings have done.
+    began_behind: u64,
 }
 
 impl RolloutCallback for Shown {
@@ -156,6 +160,10 @@ impl RolloutCallback for Shown {
     }
 
     fn round(&mut self, round: &Round, of: u64) {
+        if round.round == self.began_behind {
+            // Reading, and scoring what it began with, were no steps.
+            self.progress.begin_even_steps();
+        }
         let [pos, neg] = round.rmse_kpa;
         self.progress.tell(&format!(
             "round {} of {of}, {:.0} s: RMSE {pos:.3}/{neg:.3} kPa on rigs set aside",
@@ -164,6 +172,6 @@ impl RolloutCallback for Shown {
     }
 
     fn stop(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        self.stop.has_come()
     }
 }

@@ -3,18 +3,15 @@
 //! Until the results are written there is nothing to save, so the program ends within a tenth of a second. While they are
 //! written (some milliseconds) it waits for that, and says so.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use signal_hook::consts::{SIGINT, SIGTERM};
-
 use crate::failure::{Failure, tell};
+use crate::stop_signal::{caught, status};
 
 /// Time between two looks at the signals.
 const LOOK: Duration = Duration::from_millis(50);
-/// Exit status of a program that a signal ended, less the signal's number: what shells expect.
-const BY_SIGNAL: i32 = 128;
 
 /// Work that may be interrupted at any time but while it writes.
 pub(crate) struct Interruptible {
@@ -25,11 +22,7 @@ pub(crate) struct Interruptible {
 impl Interruptible {
     /// Begins to listen for Ctrl-C and SIGTERM.
     pub(crate) fn begin() -> Result<Self, Failure> {
-        let caught = Arc::new(AtomicUsize::new(0));
-        for signal in [SIGINT, SIGTERM] {
-            let number = usize::try_from(signal).unwrap_or_default();
-            signal_hook::flag::register_usize(signal, Arc::clone(&caught), number).map_err(Failure::Signals)?;
-        }
+        let caught = caught()?;
         let written = Arc::new(Mutex::new(false));
         let seen = Arc::clone(&written);
         std::thread::spawn(move || {
@@ -39,7 +32,7 @@ impl Interruptible {
                 if signal != 0 {
                     let done = *seen.lock().unwrap_or_else(PoisonError::into_inner);
                     tell(if done { "stopped; the results are written" } else { STOPPED });
-                    std::process::exit(BY_SIGNAL + i32::try_from(signal).unwrap_or_default());
+                    std::process::exit(status(signal).into());
                 }
             }
         });

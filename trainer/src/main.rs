@@ -21,6 +21,7 @@ mod run_groups;
 mod schedule;
 mod simulate;
 mod stdout;
+mod stop_signal;
 mod train;
 mod train_bar;
 mod validate;
@@ -37,7 +38,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 /// Pressures are gauge kPa, times s, duties 0 (valve shut) to 1 (open). A recording is the daemon's
 /// MCAP file or what a logger wrote, of any rate, its columns under the rig's names
 /// (time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa) or as the rig file's `[recording]` says. Exit status: 0 good;
-/// 1 the work failed or is not good; 2 wrong use or input.
+/// 1 the work failed or is not good; 2 wrong use or input; 130 or 143 stopped by Ctrl-C or SIGTERM before it was done.
 #[derive(Debug, Parser)]
 #[command(name = "trainer", version, after_help = EXAMPLES)]
 struct Cli {
@@ -108,8 +109,9 @@ fn main() -> ExitCode {
 
 /// Help where it was asked for, two lines where the command line is wrong; the exit status.
 fn explain(error: &clap::Error) -> ExitCode {
-    match manual::explain(&Cli::command(), error) {
-        manual::Explained::Help(text) => match stdout::say(&text) {
+    let columns = proto::terminal_lines::width(&std::io::stdout());
+    match manual::explain(&Cli::command(), error, columns) {
+        manual::Explained::Help(text) => match stdout::put(&text) {
             Ok(()) => ExitCode::SUCCESS,
             Err(failure) => failure.told(),
         },

@@ -17,6 +17,7 @@ use proto::rig_file::RigFileError;
 use serde_json::json;
 
 use crate::failure::{Failure, tell};
+use crate::interruptible::Interruptible;
 use crate::progress::Progress;
 use crate::rig_choice::RigChoice;
 use crate::stdout;
@@ -55,15 +56,17 @@ pub(crate) fn run(args: &SimulateArgs) -> Result<(), Failure> {
     if to_standard_output && args.json {
         return Err(Failure::TwoOutputs);
     }
+    // Of a table that goes down a pipe a part may be gone already: there the signal ends the program, as it ends any other.
+    let work = if to_standard_output { None } else { Some(Interruptible::begin()?) };
     let (rig, plant) = args.rig.compile()?;
     let recording = Recording::read_for(&args.inputs, &rig)?;
     seconds_are_no_count(&rig, std::slice::from_ref(&recording))?;
     within_ranges(&rig, std::slice::from_ref(&recording))?;
-    if !to_standard_output {
+    if let Some(work) = &work {
         if proto::output::same_file(&args.inputs, &args.out) {
             return Err(Failure::OverInputs { out: args.out.display().to_string() });
         }
-        proto::output::check_file(&args.out, BYTES_PER_ROW * recording.rows() as u64)?;
+        work.undisturbed(|| proto::output::check_file(&args.out, BYTES_PER_ROW * recording.rows() as u64))?;
     }
     for note in recording.notes() {
         tell(note);
@@ -84,10 +87,8 @@ pub(crate) fn run(args: &SimulateArgs) -> Result<(), Failure> {
     let (rows, segments) = (recording.rows(), recording.segments().len());
     let columns = columns(&plant, &recording, trace);
     let table = csv::to_csv(recording.time_s(), &columns);
-    if to_standard_output {
-        return stdout::put(&table);
-    }
-    atomic_file::write(&args.out, table.as_bytes())?;
+    let Some(work) = work else { return stdout::put(&table) };
+    work.write(|| atomic_file::write(&args.out, table.as_bytes()))?;
     if args.json {
         return stdout::say_json(&json!({
             "rig": rig.name, "inputs": recording.source(), "out": args.out.display().to_string(),

@@ -1,16 +1,14 @@
 //! `trainer train`: learns a policy in simulation.
 
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use clap::Args;
 use serde_json::json;
-use signal_hook::consts::{SIGINT, SIGTERM};
 use training::{PolicyStart, Run, RunStatus, TrainingSettings, Variant};
 
 use crate::failure::{Failure, tell};
 use crate::stdout;
+use crate::stop_signal::StopSignal;
 use crate::train_bar::TrainBar;
 
 /// Largest settings file that is read (bytes); ours have some kilobytes.
@@ -20,8 +18,8 @@ const MOST_SETTINGS_BYTES: u64 = 1 << 20;
 ///
 /// A run is a folder: settings, learning curve (JSON lines, TensorBoard), checkpoint, policy, report. Without --config
 /// it is the paper's Table IV on the paper's rig. With --rig it trains on that rig, mechanisms that diagnosis found included,
-/// varied and added to as the settings say. Ctrl-C writes a checkpoint within two seconds and stops; --resume goes on to
-/// the same result, to the byte, also to another --steps. The end exports policy.onnx, which the daemon runs.
+/// varied and added to as the settings say. Ctrl-C writes a checkpoint within two seconds and stops (exit status 130); --resume
+/// goes on to the same result, to the byte, also to another --steps. The end exports policy.onnx, which the daemon runs.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   trainer train --out runs/first --steps 20000
@@ -69,12 +67,7 @@ pub(crate) struct TrainArgs {
 pub(crate) const MOST_THREADS: usize = 4;
 
 pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
-    let (stop, kept) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
-    for signal in [SIGINT, SIGTERM] {
-        // A second signal ends the program at once, but not before the checkpoint of the first is written.
-        signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&kept)).map_err(Failure::Signals)?;
-        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::Signals)?;
-    }
+    let stop = StopSignal::listen()?;
     let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
     let threads = args.threads.map_or(cores.min(MOST_THREADS), |n| usize::try_from(n).unwrap_or(1));
     let mut run = match (&args.resume, &args.out) {
@@ -88,12 +81,17 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     };
     let taken = run.taken();
     tell(&taken);
-    let mut bar = TrainBar::new(stop, kept);
+    let mut bar = TrainBar::new(stop.clone());
     let ended = run.go(&mut bar)?;
     bar.clear();
     let summary = run.summary();
+    let done = match ended {
+        RunStatus::Finished => Ok(()),
+        RunStatus::Stopped => Err(stop.stopped("stopped before its end")),
+    };
     if args.json {
-        return stdout::say_json(&json!(summary));
+        // The status of a stop counts, whether or not its summary can be told.
+        return done.and(stdout::say_json(&json!(summary)));
     }
     let mut text = match ended {
         RunStatus::Finished => format!("{} steps done in {:.0} s", summary.steps, summary.wall_s),
@@ -138,7 +136,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     if ended == RunStatus::Finished {
         text += &format!("; run it: controller demo --policy {}", run.files().onnx().display());
     }
-    stdout::say(&text)
+    done.and(stdout::say(&text))
 }
 
 fn settings(args: &TrainArgs) -> Result<TrainingSettings, Failure> {

@@ -1,12 +1,12 @@
 //! Progress of a training run: one bar over all of it on a terminal, plain lines elsewhere.
 
 use std::io::{IsTerminal, Write};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use proto::live_line;
 use training::{Phase, Progress, TrainingCallback};
+
+use crate::stop_signal::StopSignal;
 
 const BAR_EVERY: Duration = Duration::from_millis(200);
 const LINE_EVERY: Duration = Duration::from_secs(15);
@@ -14,8 +14,7 @@ const BAR_WIDTH: usize = 20;
 
 /// Shows a run's progress, and tells it to stop when a signal came.
 pub(crate) struct TrainBar {
-    stop: Arc<AtomicBool>,
-    kept: Arc<AtomicBool>,
+    stop: StopSignal,
     terminal: bool,
     next: Instant,
     is_shown: bool,
@@ -23,10 +22,10 @@ pub(crate) struct TrainBar {
 }
 
 impl TrainBar {
-    /// A bar that stops the run once `stop` is set, and sets `kept` once nothing can be lost any more.
-    pub(crate) fn new(stop: Arc<AtomicBool>, kept: Arc<AtomicBool>) -> Self {
+    /// A bar that stops the run once a signal has come, and lets a second one end the program once nothing can be lost any more.
+    pub(crate) fn new(stop: StopSignal) -> Self {
         let terminal = std::io::stderr().is_terminal();
-        TrainBar { stop, kept, terminal, next: Instant::now(), is_shown: false, phase: None }
+        TrainBar { stop, terminal, next: Instant::now(), is_shown: false, phase: None }
     }
 
     /// Leaves a clean line.
@@ -62,11 +61,11 @@ impl TrainingCallback for TrainBar {
     }
 
     fn stop(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        self.stop.has_come()
     }
 
     fn is_kept(&mut self) {
-        self.kept.store(true, Ordering::Relaxed);
+        self.stop.may_end();
     }
 }
 

@@ -146,7 +146,7 @@ fn plain(line: &Line) -> String {
 }
 
 /// Minutes and seconds: `1:07`.
-fn clock(time: Duration) -> String {
+pub(crate) fn clock(time: Duration) -> String {
     format!("{}:{:02}", time.as_secs() / 60, time.as_secs() % 60)
 }
 

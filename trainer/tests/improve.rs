@@ -58,7 +58,7 @@ fn stopping_and_going_on_and_threads_change_no_bit() {
     assert_eq!(bytes(&straight, "settings.toml"), settings, "what was refused is not planned");
 }
 
-/// Runs `trainer` and interrupts it as soon as it `is_due`; it ends with status 0.
+/// Runs `trainer` and interrupts it as soon as it `is_due`; it was stopped, and its exit status says so.
 fn interrupted(args: &[&str], is_due: &dyn Fn() -> bool) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_trainer"))
         .args(args)
@@ -72,7 +72,7 @@ fn interrupted(args: &[&str], is_due: &dyn Fn() -> bool) {
         std::thread::sleep(Duration::from_millis(5));
     }
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
-    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert_eq!(child.wait().unwrap().code(), Some(130));
 }
 
 /// From the fallback's own answers, on the rig that the model is: the negative valve's delay of a tick that its PI loop does not

@@ -1,7 +1,7 @@
 //! Queues between the tick and the thread that publishes policies.
 //!
-//! Every queue is bounded and lock-free. A policy goes into the tick as a box and comes back as a box; the tick takes one
-//! only while what it may have to hand back finds room.
+//! Every queue is bounded, and the tick waits for nobody at it ([`crate::crossing`]). A policy goes into the tick as a box and
+//! comes back as a box; the tick takes one only while what it may have to hand back finds room.
 
 use std::sync::Arc;
 
@@ -9,6 +9,7 @@ use crossbeam::queue::ArrayQueue;
 use policy::Policy;
 use serde::{Deserialize, Serialize};
 
+use crate::crossing::{Inbox, Newest, Trail};
 use crate::exploration::PolicySpread;
 use crate::succession::Succession;
 
@@ -162,10 +163,10 @@ pub(crate) enum Occasion {
 
 /// The tick's end.
 pub struct TickEnd {
-    commands: Arc<ArrayQueue<Command>>,
+    commands: Arc<Inbox<Command>>,
     retired: Arc<ArrayQueue<Box<Candidate>>>,
-    events: Arc<ArrayQueue<Told>>,
-    snapshot: Arc<ArrayQueue<Snapshot>>,
+    events: Arc<Trail<Told>>,
+    snapshot: Arc<Newest<Snapshot>>,
     told: u32,
     served: u32,
 }
@@ -173,18 +174,18 @@ pub struct TickEnd {
 /// The publishing thread's end.
 #[derive(Clone)]
 pub struct StoreEnd {
-    commands: Arc<ArrayQueue<Command>>,
+    commands: Arc<Inbox<Command>>,
     retired: Arc<ArrayQueue<Box<Candidate>>>,
-    events: Arc<ArrayQueue<Told>>,
-    snapshot: Arc<ArrayQueue<Snapshot>>,
+    events: Arc<Trail<Told>>,
+    snapshot: Arc<Newest<Snapshot>>,
 }
 
 /// Makes both ends.
 pub fn channel() -> (TickEnd, StoreEnd) {
-    let commands = Arc::new(ArrayQueue::new(COMMANDS));
+    let commands = Arc::new(Inbox::new(COMMANDS));
     let retired = Arc::new(ArrayQueue::new(RETIRED));
-    let events = Arc::new(ArrayQueue::new(EVENTS));
-    let snapshot = Arc::new(ArrayQueue::new(1));
+    let events = Arc::new(Trail::new(EVENTS));
+    let snapshot = Arc::new(Newest::new());
     let store = StoreEnd {
         commands: Arc::clone(&commands),
         retired: Arc::clone(&retired),
@@ -201,7 +202,7 @@ impl TickEnd {
     /// Runs in the tick.
     pub(crate) fn command(&mut self) -> Option<Command> {
         let room = self.retired.capacity() - self.retired.len();
-        let command = if room < 2 * MOST_AT_ONCE { None } else { self.commands.pop() };
+        let command = if room < 2 * MOST_AT_ONCE { None } else { self.commands.take() };
         self.served = self.served.wrapping_add(u32::from(command.is_some()));
         command
     }
@@ -209,7 +210,8 @@ impl TickEnd {
     /// Hands a policy back, to be dropped elsewhere.
     ///
     /// # Real-time
-    /// Runs in the tick. Where there is no room the memory is lost rather than freed here; `command` sees to it that there is.
+    /// Runs in the tick. Where there is no room the memory is lost rather than freed here; `command` sees to it that there is, and
+    /// more, so that no slot is written that is being read.
     pub(crate) fn retire(&self, candidate: Box<Candidate>) {
         if let Err(candidate) = self.retired.push(candidate) {
             std::mem::forget(candidate);
@@ -223,11 +225,11 @@ impl TickEnd {
     pub(crate) fn tell(&mut self, event: PolicyEvent, occasion: Occasion, snapshot: Snapshot) {
         self.told = self.told.wrapping_add(1);
         let answers = (occasion == Occasion::Answer).then_some(self.served);
-        self.events.force_push(Told { event, answers, snapshot: self.counted(snapshot) });
+        self.events.leave(Told { event, answers, snapshot: self.counted(snapshot) });
     }
 
     pub(crate) fn show(&self, snapshot: Snapshot) {
-        self.snapshot.force_push(self.counted(snapshot));
+        self.snapshot.show(self.counted(snapshot));
     }
 
     fn counted(&self, snapshot: Snapshot) -> Snapshot {
@@ -241,17 +243,17 @@ impl StoreEnd {
     /// # Errors
     /// The command, if too many wait: nothing ticks.
     pub fn ask(&self, command: Command) -> Result<(), Command> {
-        self.commands.push(command)
+        self.commands.put(command)
     }
 
     /// The next event.
     pub fn event(&self) -> Option<Told> {
-        self.events.pop()
+        self.events.take()
     }
 
     /// State of the policies, if a tick has passed since the last call.
     pub fn snapshot(&self) -> Option<Snapshot> {
-        self.snapshot.pop()
+        self.snapshot.take()
     }
 
     /// Drops what the tick has handed back; how many.

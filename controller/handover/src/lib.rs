@@ -24,9 +24,10 @@
 //! | [`exploration`] | bounded noise on the active policy's answer |
 //! | [`permit`] | until when a request counts that takes work before it is handed over |
 //! | [`succession`] | who controls, who is on its way and who controlled before; what an order makes of them |
+//! | [`crossing`] | ways between the tick and other threads on which the tick waits for nobody |
 //! | [`mod@channel`] | queues between the tick and the thread that publishes: policies in, retired ones out |
 //!
-//! All of it but the making of queues and policies runs in the tick: no allocation, no lock, bounded time. Every policy
+//! All of it but the making of queues and policies runs in the tick: no allocation, no waiting, bounded time. Every policy
 //! that goes is handed back through a queue, to be dropped elsewhere.
 
 pub mod arbiter;
@@ -34,6 +35,7 @@ mod blend;
 pub mod channel;
 pub mod conditions;
 pub mod conduct;
+pub mod crossing;
 pub mod exploration;
 pub mod loss;
 pub mod permit;

@@ -13,6 +13,7 @@
 //! | [`source`] | the daemon's stream, connected again and again |
 //! | [`hub`] | what is known now, and who waits for more |
 //! | [`server`] | connections, one thread each, a bounded number |
+//! | `places` | who has a place, and who gives it up |
 //! | `deadline` | a time within which something must be read or written |
 //! | `http` | the little of HTTP/1.1 that this needs |
 //! | `websocket` | RFC 6455: handshake and frames |
@@ -28,6 +29,7 @@ mod foxglove;
 mod http;
 pub mod hub;
 mod metrics;
+mod places;
 pub mod server;
 pub mod source;
 mod state_json;

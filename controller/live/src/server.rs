@@ -11,16 +11,18 @@ use crate::foxglove;
 use crate::http::{Request, begin_events, respond};
 use crate::hub::Hub;
 use crate::metrics;
+use crate::places::{Arrival, Arrivals, Place};
 use crate::state_json::{Cursor, news};
 use crate::websocket::{WebSocket, is_upgrade};
 
 /// Pages and websockets at a time, which stay; one more is told so.
 const MOST_VIEWERS: usize = 32;
-/// Requests under way at a time, beside those who stay: Prometheus and a new page always find a place soon.
+/// Requests under way at a time, beside those who stay: Prometheus and a new page always find a place soon, whoever connects and
+/// says nothing.
 const MOST_REQUESTS: usize = 32;
 /// Time for which a websocket's client may say nothing, pings unanswered, before it is cut off.
 const CLIENT_SILENCE: Duration = Duration::from_secs(15);
-/// Time that a whole request may take to come, and a whole answer or picture to go.
+/// Time that a whole answer or picture may take to go, and usually a whole request to come.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Between two pictures of a page: as fast as eyes follow numbers.
 const PICTURE: Duration = Duration::from_millis(100);
@@ -57,24 +59,6 @@ fn fix(error: &io::Error) -> &'static str {
     }
 }
 
-/// A place among a bounded number, given back when it is dropped.
-struct Place(Arc<AtomicUsize>);
-
-impl Place {
-    /// A place, if fewer than `most` are taken.
-    fn take(taken: &Arc<AtomicUsize>, most: usize) -> Option<Self> {
-        let one_more = |count: usize| (count < most).then_some(count + 1);
-        let found = taken.fetch_update(Ordering::Relaxed, Ordering::Relaxed, one_more);
-        found.is_ok().then(|| Place(Arc::clone(taken)))
-    }
-}
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        self.0.fetch_sub(1, Ordering::Relaxed);
-    }
-}
-
 /// A server that listens.
 pub struct Server {
     listener: TcpListener,
@@ -91,6 +75,8 @@ struct Shared {
     viewers: Arc<AtomicUsize>,
     /// Time for which a websocket's client may say nothing.
     silence: Duration,
+    /// Time that a whole request may take to come.
+    request_patience: Duration,
 }
 
 /// Names under which a server answers.
@@ -115,7 +101,8 @@ impl Server {
         let listener = TcpListener::bind(at).map_err(listen)?;
         listener.set_nonblocking(true).map_err(listen)?;
         let names = if at.ip().is_loopback() { AskedUnder::ThisMachine } else { AskedUnder::AnyName };
-        let shared = Shared { hub, names, viewers: Arc::default(), silence: CLIENT_SILENCE };
+        let shared =
+            Shared { hub, names, viewers: Arc::default(), silence: CLIENT_SILENCE, request_patience: PATIENCE };
         Ok(Server { listener, shared })
     }
 
@@ -134,13 +121,15 @@ impl Server {
 
     /// Serves viewers until told to stop.
     pub fn run(&self, stop: &Arc<AtomicBool>) {
-        let requests = Arc::new(AtomicUsize::new(0));
+        let arrivals = Arc::new(Arrivals::new(MOST_REQUESTS));
         while !stop.load(Ordering::Relaxed) {
             let Ok((stream, _)) = self.listener.accept() else {
                 std::thread::sleep(Duration::from_millis(10));
                 continue;
             };
-            let Some(place) = Place::take(&requests, MOST_REQUESTS) else {
+            // Without a second handle it could not be closed for another; it is closed now.
+            let Ok(admitted) = arrivals.admit(&stream) else { continue };
+            let Some(arrival) = admitted else {
                 let _ = stream.set_nonblocking(false);
                 let _ = refuse(&stream);
                 continue;
@@ -149,7 +138,7 @@ impl Server {
             // Where no thread can be had the connection is closed, and its place given back.
             let _ = std::thread::Builder::new().name("viewer".to_owned()).spawn(move || {
                 // A viewer that goes away in the middle is its own trouble.
-                let _ = serve(stream, &shared, place, &stop);
+                let _ = serve(stream, &shared, arrival, &stop);
             });
         }
     }
@@ -163,16 +152,18 @@ fn answer(stream: &TcpStream, status: &str, media_type: &str, body: &[u8]) -> io
     respond(&mut Within::new(stream, PATIENCE), status, media_type, body)
 }
 
-fn serve(stream: TcpStream, shared: &Shared, request_place: Place, stop: &AtomicBool) -> io::Result<()> {
-    let Shared { hub, names, viewers, silence } = shared;
+fn serve(stream: TcpStream, shared: &Shared, arrival: Arrival, stop: &AtomicBool) -> io::Result<()> {
+    let Shared { hub, names, viewers, silence, request_patience } = shared;
     stream.set_nonblocking(false)?;
     stream.set_nodelay(true)?;
-    let request = match Request::read(&mut Within::new(&stream, PATIENCE)) {
+    let request = match Request::read(&mut Within::new(&stream, *request_patience)) {
         Ok(request) => request,
         Err(error) => {
             return answer(&stream, "400 Bad Request", "text/plain", format!("{error}\n").as_bytes());
         }
     };
+    // Closed for another in the moment in which it came.
+    let Some(request_place) = arrival.has_come() else { return Ok(()) };
     if *names == AskedUnder::ThisMachine && !request.names_this_machine() {
         return answer(&stream, "403 Forbidden", "text/plain", b"ask by address or as localhost\n");
     }
@@ -227,17 +218,24 @@ mod tests {
     use flight::CodeNames;
     use std::io::Read;
 
-    /// A server that knows nothing, with this much patience for a silent client, until it is dropped.
+    /// A server that knows nothing, until it is dropped.
     struct Served {
         address: SocketAddr,
         stop: Arc<AtomicBool>,
     }
 
     impl Served {
+        /// Starts one with this much patience for a silent client.
         fn new(silence: Duration) -> Self {
+            Self::with_patience(silence, PATIENCE)
+        }
+
+        /// Starts one with this much patience for a silent client, and for one whose request does not come whole.
+        fn with_patience(silence: Duration, request_patience: Duration) -> Self {
             let hub = Hub::new(CodeNames { state: |_| "run", fault: |_| "link lost" });
             let mut server = Server::bind("127.0.0.1:0", Arc::new(hub)).unwrap();
             server.shared.silence = silence;
+            server.shared.request_patience = request_patience;
             let (address, stop) = (server.local_addr().unwrap(), Arc::new(AtomicBool::new(false)));
             let until = Arc::clone(&stop);
             std::thread::spawn(move || server.run(&until));
@@ -294,6 +292,29 @@ mod tests {
         for (_, answer) in [served.websocket(), served.ask("/events", "")] {
             assert!(answer.starts_with("HTTP/1.1 503"), "{answer}");
         }
+    }
+
+    /// More clients than there are places connect and begin to ask, and one asks.
+    #[test]
+    fn requests_that_never_come_whole_keep_nobody_from_an_answer() {
+        // Nobody's time is over before this test is: what is closed is closed for another.
+        let served = Served::with_patience(CLIENT_SILENCE, Duration::from_secs(600));
+        let half = |_| {
+            let mut stream = TcpStream::connect(served.address).unwrap();
+            stream.write_all(b"GET /metrics HTTP/1.1\r\n").unwrap();
+            stream
+        };
+        let mut idle: Vec<TcpStream> = (0..2 * MOST_REQUESTS).map(half).collect();
+        let (_, answer) = served.ask("/metrics", "");
+        assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+        // The oldest was closed for the others; the newest may go on.
+        let mut end = Vec::new();
+        let answered = idle[0].read_to_end(&mut end);
+        assert!(end.is_empty(), "{answered:?}: {}", String::from_utf8_lossy(&end));
+        let newest = idle.last_mut().unwrap();
+        newest.write_all(b"Host: localhost\r\n\r\n").unwrap();
+        newest.read_to_end(&mut end).unwrap();
+        assert!(end.starts_with(b"HTTP/1.1 200"), "{}", String::from_utf8_lossy(&end));
     }
 
     #[test]

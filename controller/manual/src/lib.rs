@@ -63,26 +63,27 @@ fn edited(page: &str, source: &str) -> String {
     out
 }
 
-/// Columns of a line of help.
+/// Columns of a line of help at most: wider paragraphs are hard to read.
 const WIDTH: usize = 80;
 
-/// Breaks the lines of a help text at 80 columns, further lines as far in as the text of the first.
+/// Breaks the lines of a help text at so many columns, 80 at most, further lines as far in as the text of the first.
 ///
 /// Where a line has a left part (an option, a command) and its text beside it, two blanks or more apart, the text's
 /// column counts.
-pub fn wrapped(help: &str) -> String {
+pub fn wrapped(help: &str, width: usize) -> String {
+    let width = width.min(WIDTH);
     let mut out = String::with_capacity(help.len() + help.len() / 8);
     for line in help.lines() {
-        if line.chars().count() <= WIDTH {
+        if line.chars().count() <= width {
             out.push_str(line);
             out.push('\n');
             continue;
         }
-        let margin = text_column(line);
+        let margin = text_column(line, width);
         let mut column = 0;
         for (number, word) in line.split(' ').enumerate() {
             let length = word.chars().count();
-            if column > margin && column + 1 + length > WIDTH {
+            if column > margin && column + 1 + length > width {
                 out.push('\n');
                 out.push_str(&" ".repeat(margin));
                 column = margin;
@@ -98,8 +99,8 @@ pub fn wrapped(help: &str) -> String {
     out
 }
 
-/// The column at which a line's text begins; never beyond the middle of a line.
-fn text_column(line: &str) -> usize {
+/// The column at which a line's text begins; never beyond the middle of a line of this width.
+fn text_column(line: &str, width: usize) -> usize {
     let indent = line.chars().take_while(|c| *c == ' ').count();
     let rest = line.get(indent..).unwrap_or_default();
     let beside = rest.find("  ").map_or(0, |gap| {
@@ -108,7 +109,7 @@ fn text_column(line: &str) -> usize {
         left + blanks
     });
     let column = indent + beside;
-    if column < WIDTH / 2 { column } else { indent }
+    if column < width / 2 { column } else { indent }
 }
 
 #[cfg(test)]
@@ -116,15 +117,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn help_is_80_columns_wide_and_keeps_its_words() {
+    fn help_is_as_wide_as_the_terminal_80_columns_at_most_and_keeps_its_words() {
         let long = "very ".repeat(60);
         let help = format!("Usage: pump\n\n{long}\n  -o, --out <DIR>  {long}\n          {long}\n");
-        let text = wrapped(&help);
-        assert!(text.lines().all(|line| line.chars().count() <= WIDTH), "{text}");
-        assert_eq!(text.split_whitespace().collect::<Vec<_>>(), help.split_whitespace().collect::<Vec<_>>());
-        assert!(text.contains("\n                   very"), "beside the option: {text}");
+        for (terminal, widest) in [(200, 80), (80, 80), (60, 60)] {
+            let text = wrapped(&help, terminal);
+            let lines = || text.lines().map(|line| line.chars().count());
+            assert!(lines().all(|line| line <= widest) && lines().any(|line| line > widest - 6), "{text}");
+            assert_eq!(text.split_whitespace().collect::<Vec<_>>(), help.split_whitespace().collect::<Vec<_>>());
+            assert!(text.contains("\n                   very"), "beside the option: {text}");
+        }
         // A word that is longer than a line stays whole.
-        assert_eq!(wrapped(&"x".repeat(100)), format!("{}\n", "x".repeat(100)));
+        assert_eq!(wrapped(&"x".repeat(100), 80), format!("{}\n", "x".repeat(100)));
     }
     use clap::Arg;
 

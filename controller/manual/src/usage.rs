@@ -33,17 +33,22 @@ fn with_negative_numbers(command: Command) -> Command {
     command.mut_args(open).mut_subcommands(with_negative_numbers)
 }
 
-/// Puts clap's own words into this project's.
-pub fn explain(command: &Command, error: &clap::Error) -> Explained {
-    explain_of(command, error, std::env::args().skip(1))
+/// Puts clap's own words into this project's, help for a terminal of so many columns.
+pub fn explain(command: &Command, error: &clap::Error, columns: usize) -> Explained {
+    explain_of(command, error, std::env::args().skip(1), columns)
 }
 
 /// A run of words behind the program's name, likewise.
-fn explain_of(command: &Command, error: &clap::Error, given: impl Iterator<Item = String>) -> Explained {
+fn explain_of(
+    command: &Command,
+    error: &clap::Error,
+    given: impl Iterator<Item = String>,
+    columns: usize,
+) -> Explained {
     let text = error.to_string();
     let (meant, name) = meant(command, given);
     match error.kind() {
-        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => Explained::Help(wrapped(&text)),
+        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => Explained::Help(wrapped(&text, columns)),
         ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::MissingSubcommand => Explained::Wrong([
             format!("no command given; there are {}", commands(meant).join(", ")),
             format!("see {name} --help"),
@@ -113,7 +118,7 @@ mod tests {
         let said = |words: &[&str]| {
             let all = std::iter::once("pump").chain(words.iter().copied());
             let error = program.clone().try_get_matches_from(all).unwrap_err();
-            explain_of(&program, &error, words.iter().map(|word| (*word).to_owned()))
+            explain_of(&program, &error, words.iter().map(|word| (*word).to_owned()), 80)
         };
         let wrong = |lines: [&str; 2]| Explained::Wrong(lines.map(str::to_owned));
         assert_eq!(said(&["fill"]), wrong(["no command given; there are slowly, fast", "see pump fill --help"]));
@@ -129,7 +134,7 @@ mod tests {
         let said = |words: &[&str]| {
             let all = std::iter::once("pump").chain(words.iter().copied());
             let error = with_negative_numbers(program.clone()).try_get_matches_from(all).unwrap_err();
-            match explain_of(&program, &error, words.iter().map(|word| (*word).to_owned())) {
+            match explain_of(&program, &error, words.iter().map(|word| (*word).to_owned()), 80) {
                 Explained::Wrong([line, _]) => line,
                 Explained::Help(text) => text,
             }

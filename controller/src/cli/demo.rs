@@ -39,8 +39,6 @@ const LIVE_TICKS: u64 = 50;
 
 /// Room that a minute's recording and its report need at least (bytes).
 const ROOM_BYTES: u64 = 4 << 20;
-/// Exit status of a program that Ctrl-C ended, as shells expect it.
-const BY_CTRL_C: u8 = 130;
 const STOPPED: &str = "stopped before the run began; nothing was written, and older results are as they were";
 
 /// Flags of the demo.
@@ -113,7 +111,7 @@ impl Demo {
         self.announce(&loaded);
         let yardstick = self.yardstick(&loaded)?;
         if stop.load(Ordering::Relaxed) {
-            return Err(Failure { status: BY_CTRL_C, line: STOPPED.to_owned() });
+            return Err(Failure::work(STOPPED));
         }
         let recording = self.emptied_folder()?;
         let options = Options {

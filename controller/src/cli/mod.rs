@@ -33,7 +33,9 @@ const EXAMPLES: &str = "Examples:
   controller arm --config controller.toml     in another terminal: start
   controller disarm --config controller.toml  vents open
 
-Exit status: 0 good; 1 the work failed or is not good; 2 wrong use or input.";
+Exit status: 0 good; 1 the work failed or is not good; 2 wrong use or input; 130
+or 143 stopped by Ctrl-C or SIGTERM before it was done, another signal 128 and
+its number (`run` without --seconds, and `live`: 0).";
 
 /// Controls the dual-pressure rig: +100 kPa and −75 kPa from one two-piston pump, 50 times a second
 #[derive(Debug, Parser)]
@@ -130,6 +132,9 @@ enum Command {
     },
 }
 
+/// Exit status where usage or input are wrong.
+const REFUSED: u8 = 2;
+
 /// Failure of a command.
 #[derive(Debug)]
 pub(crate) struct Failure {
@@ -145,7 +150,7 @@ impl Failure {
     }
 
     fn input(error: impl ToString) -> Self {
-        Failure { status: 2, line: error.to_string() }
+        Failure { status: REFUSED, line: error.to_string() }
     }
 }
 
@@ -199,7 +204,38 @@ impl From<DaemonError> for Failure {
     }
 }
 
+/// Meaning of a signal that ends a command in order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum WhenStopped {
+    /// It has no end of its own, and is done when it is stopped.
+    Done,
+    /// It comes to an end by itself: to stop it is to leave it undone.
+    Undone,
+    /// It comes to an end by itself, and fails where it is left undone: where it succeeds, the signal came too late.
+    FailsIfUndone,
+}
+
+impl WhenStopped {
+    /// Tells whether the exit status is the signal's. A refusal keeps its own.
+    pub(crate) fn is_undone(self, outcome: &Result<(), Failure>) -> bool {
+        match (self, outcome) {
+            (_, Err(failure)) if failure.status == REFUSED => false,
+            (WhenStopped::Done, _) | (WhenStopped::FailsIfUndone, Ok(())) => false,
+            (WhenStopped::Undone | WhenStopped::FailsIfUndone, _) => true,
+        }
+    }
+}
+
 impl Arguments {
+    /// Meaning of a signal that ends this command.
+    pub(crate) fn when_stopped(&self) -> WhenStopped {
+        match self.command {
+            Command::Run { seconds: None, .. } | Command::Live(_) => WhenStopped::Done,
+            Command::Experiment(_) => WhenStopped::FailsIfUndone,
+            _ => WhenStopped::Undone,
+        }
+    }
+
     /// Does what was asked for.
     ///
     /// # Errors

@@ -2,14 +2,14 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use clap::Args;
 use controller::config::{Config, Realtime};
 use controller::machine::rt_test::finding::{Finding, Weight, findings};
 use controller::machine::rt_test::lateness::{EDGES_US, LatenessFigures};
 use controller::machine::rt_test::{Phase, RtTest};
-use controller::machine::signals::Signals;
+use controller::machine::signals::{Signals, ordered_to_stop};
 use serde_json::json;
 
 use super::Failure;
@@ -44,12 +44,11 @@ impl RtTestArgs {
             Some(file) => Config::read(file)?.realtime,
             None => Realtime::default(),
         };
-        let stop = Arc::new(AtomicBool::new(false));
-        let _signals = Signals::install(&stop).map_err(Failure::work)?;
+        let _signals = Signals::install(&Arc::new(AtomicBool::new(false))).map_err(Failure::work)?;
         if !self.json {
             tell(format_args!("measuring for {:.0} s, half of them under load of its own", self.seconds));
         }
-        let test = RtTest::run(&settings, self.seconds, &|| stop.load(Ordering::Relaxed)).map_err(Failure::work)?;
+        let test = RtTest::run(&settings, self.seconds, &ordered_to_stop).map_err(Failure::work)?;
         let found = findings(&test);
         if self.json {
             let mut object = serde_json::to_value(&test).map_err(Failure::work)?;
@@ -85,19 +84,8 @@ fn text(test: &RtTest, found: &[Finding]) -> String {
         out.push_str(&row(&format!("{name}, as the tick"), &phase.fifo));
         out.push_str(&row(&format!("{name}, no priority"), &phase.normal));
     }
-    out.push_str("\n                   ");
-    for edge in EDGES_US {
-        out.push_str(&format!(
-            "{:>6}",
-            if edge < 1_000 { format!("<{edge}us") } else { format!("<{}ms", edge / 1_000) }
-        ));
-    }
-    out.push_str("  more\n");
-    for (name, Phase { fifo, .. }) in [("quiet, as the tick", &test.quiet), ("loaded, as the tick", &test.loaded)] {
-        out.push_str(&format!("{name:<19}"));
-        fifo.bins.iter().for_each(|count| out.push_str(&format!("{count:>6}")));
-        out.push('\n');
-    }
+    out.push('\n');
+    out.push_str(&histogram([("quiet, as the tick", &test.quiet), ("loaded, as the tick", &test.loaded)]));
     out.push('\n');
     for finding in found {
         let word = if finding.weight == Weight::Fault { "at fault" } else { "perhaps" };
@@ -123,6 +111,22 @@ fn row(name: &str, figures: &LatenessFigures) -> String {
         figures.over_6_ms,
         figures.wakes
     )
+}
+
+/// Table of the wakes of each phase that were less late than each edge and later than the edge before it.
+fn histogram(phases: [(&str, &Phase); 2]) -> String {
+    let longest = phases.iter().flat_map(|(_, phase)| phase.fifo.bins).max().unwrap_or(0).to_string().len();
+    // Room for an edge and a space, or for the largest count and one.
+    let width = (longest + 1).max(6);
+    let mut out = format!("{:<19}", "wakes below, in us");
+    EDGES_US.iter().for_each(|edge| out.push_str(&format!("{edge:>width$}")));
+    out.push_str(&format!("{:>width$}\n", "more"));
+    for (name, Phase { fifo, .. }) in phases {
+        out.push_str(&format!("{name:<19}"));
+        fifo.bins.iter().for_each(|count| out.push_str(&format!("{count:>width$}")));
+        out.push('\n');
+    }
+    out
 }
 
 /// Lines of at most 80 columns, the further ones indented.

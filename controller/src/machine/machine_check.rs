@@ -1,7 +1,10 @@
-//! Check that this machine has what a configuration names: a place for the socket, a folder for recordings, a CPU.
+//! Check that this machine has what a configuration names: a place for the socket, a folder for recordings, a CPU, and an
+//! address for the cRIO's name.
 
 use std::io::ErrorKind;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use rustix::thread::{CpuSet, sched_getaffinity};
 
@@ -9,6 +12,13 @@ use crate::config::{Config, Record};
 use crate::machine::realtime::make_realtime;
 use crate::machine::trial_file::{try_file, try_socket};
 use crate::operator::socket::{SocketError, check_sockets};
+use crate::session::link::LookUp;
+
+/// Time that a name server has to answer. One that is reached answers within a fraction of a second; one that is not is given up
+/// by the system after ten, for which nobody who checks a file should wait. Chosen.
+const NAMED_WITHIN: Duration = Duration::from_secs(3);
+/// Time between two looks whether it has.
+const LOOK: Duration = Duration::from_millis(10);
 
 /// Demand of a configuration that this machine cannot meet.
 #[derive(Debug, thiserror::Error)]
@@ -56,6 +66,7 @@ pub fn check(config: &Config) -> Result<Vec<String>, MachineError> {
     check_recordings(&config.record, config.control.auto_arm, &mut remarks)?;
     remarks.extend(unreadable_policies(&config.policy.directory));
     check_cpu(config)?;
+    remarks.extend(unknown_name(&config.link.address));
     remarks.extend(refused_realtime(config));
     Ok(remarks)
 }
@@ -131,6 +142,36 @@ fn unreadable_policies(folder: &Path) -> Option<String> {
     ))
 }
 
+/// Remark that no address is known for the cRIO's name, which the daemon would go on asking for; `None` where it has one.
+fn unknown_name(address: &str) -> Option<String> {
+    if address.parse::<SocketAddr>().is_ok() {
+        return None;
+    }
+    match LookUp::begin(address) {
+        Ok(look_up) => not_found(address, look_up),
+        Err(error) => Some(error.to_string()),
+    }
+}
+
+/// Remark on a look-up that finds no address, or does not end in time.
+fn not_found(address: &str, look_up: LookUp) -> Option<String> {
+    let until = Instant::now() + NAMED_WITHIN;
+    while !look_up.is_over() {
+        if Instant::now() >= until {
+            return Some(format!(
+                "{address}: no name server has answered within {:.0} s; check link.address and this machine's network, or write the cRIO's address in numbers",
+                NAMED_WITHIN.as_secs_f64()
+            ));
+        }
+        std::thread::sleep(LOOK);
+    }
+    match look_up.addresses() {
+        Ok(found) if found.is_empty() => Some(format!("{address}: the name has no address; check link.address")),
+        Ok(_) => None,
+        Err(error) => Some(error.to_string()),
+    }
+}
+
 fn check_cpu(config: &Config) -> Result<(), MachineError> {
     let (Some(cpu), Ok(allowed)) = (config.realtime.cpu, sched_getaffinity(None)) else { return Ok(()) };
     if cpu < CpuSet::MAX_CPU && allowed.is_set(cpu) {
@@ -157,6 +198,7 @@ fn nearest(path: &Path) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::session::link::LinkError;
 
     fn config(folder: &Path) -> Config {
         let mut config = Config::for_address("127.0.0.1:1");
@@ -221,6 +263,43 @@ mod tests {
         assert!(check(&config).unwrap().concat().contains("file: policy.directory: no policy can be published there"));
         config.policy.directory = folder.join("not yet there");
         assert!(!check(&config).unwrap().concat().contains("policy.directory"));
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    /// Look-ups of which no name server of this machine knows.
+    #[test]
+    fn a_look_up_that_finds_no_address_is_told_with_what_to_do() {
+        let address = "crio.example:50500";
+        let said = |look_up: Result<LookUp, LinkError>| not_found(address, look_up.unwrap());
+        let failed = said(LookUp::begin_by(address, || Err(std::io::Error::other("nobody knows it")))).unwrap();
+        assert!(failed.contains(address) && failed.contains("nobody knows it"), "{failed}");
+        let empty = said(LookUp::begin_by(address, || Ok(Vec::new()))).unwrap();
+        assert!(empty.contains("the name has no address; check link.address"), "{empty}");
+        // It ends with its sender, behind the assertion.
+        let (sender, asked) = std::sync::mpsc::channel::<()>();
+        let silent = said(LookUp::begin_by(address, move || {
+            let _ = asked.recv();
+            Ok(Vec::new())
+        }));
+        let silent = silent.unwrap();
+        assert!(silent.contains("no name server has answered within 3 s; check link.address"), "{silent}");
+        drop(sender);
+        assert_eq!(said(LookUp::begin_by(address, || Ok(vec![([192, 0, 2, 1], 50_500).into()]))), None);
+    }
+
+    /// A name that every machine has, and addresses: nobody is asked on a network.
+    #[test]
+    fn a_name_with_an_address_is_no_remark() {
+        let folder = std::env::temp_dir().join(format!("machine-check-name-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let remarks = |address: &str| {
+            let mut config = config(&folder);
+            config.link.address = address.to_owned();
+            check(&config).unwrap().concat()
+        };
+        for known in ["localhost:50500", "127.0.0.1:50500", "[::1]:50500"] {
+            assert!(!remarks(known).contains("link.address"), "{known}: {}", remarks(known));
+        }
         std::fs::remove_dir_all(folder).unwrap();
     }
 }

@@ -3,12 +3,14 @@
 //! Each right that it does not give is told in one line, with the limit to raise. With `realtime.enforce` (the default) nothing is
 //! armed then; without it the loop runs all the same, just later at times, and the recording shows how much.
 
+use std::sync::OnceLock;
+
 use rustix::mm::{MlockAllFlags, mlockall};
-use rustix::process::{Resource, geteuid, getrlimit};
+use rustix::process::{Resource, geteuid, getpriority_process, getrlimit, setpriority_process};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use thread_priority::{
-    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
-    set_thread_priority_and_policy, thread_native_id,
+    NormalThreadSchedulePolicy, RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityOsValue,
+    ThreadPriorityValue, ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
 };
 
 use supervisor::Condition;
@@ -17,6 +19,9 @@ use crate::config::{Config, Pacing, Realtime};
 
 /// Memory that locking must be allowed for, far above what the daemon uses: 1 GiB.
 const ENOUGH_MEMORY: u64 = 1 << 30;
+
+/// CPUs that this program's threads may use, noted before the first of them is pinned.
+static ALLOWED: OnceLock<CpuSet> = OnceLock::new();
 
 /// Lock of all memory.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -129,10 +134,32 @@ pub(crate) fn raise(priority: u8) -> Result<(), String> {
         .map_err(|e| e.to_string())
 }
 
+/// Gives the calling thread the priority and the CPUs that any thread of this program has. A thread started by the tick's thread would
+/// otherwise inherit the tick's.
+pub(crate) fn step_back() {
+    let normal = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
+    let nice = getpriority_process(None);
+    // A thread may always ask for less.
+    let _ = set_thread_priority_and_policy(
+        thread_native_id(),
+        ThreadPriority::Os(ThreadPriorityOsValue::default()),
+        normal,
+    );
+    // With the policy goes a nice value of 0, which a program that was started as a nice one did not ask for.
+    if let Ok(nice) = nice {
+        let _ = setpriority_process(None, nice);
+    }
+    if let Some(allowed) = ALLOWED.get() {
+        // They were allowed before, so at worst this thread stays on the tick's CPU, where it does not hold up the tick.
+        let _ = sched_setaffinity(None, allowed);
+    }
+}
+
 /// Pins the calling thread; by default to the last CPU it may use, if there are several.
 fn pin(wanted: Option<usize>) -> Result<(), String> {
     let allowed =
         sched_getaffinity(None).map_err(|errno| format!("the CPUs allowed are not known ({errno}); not pinned"))?;
+    ALLOWED.get_or_init(|| allowed);
     let last = (0..CpuSet::MAX_CPU).rev().find(|cpu| allowed.is_set(*cpu));
     let cpu = match wanted {
         Some(cpu) if cpu < CpuSet::MAX_CPU && allowed.is_set(cpu) => cpu,

@@ -14,7 +14,7 @@
 //! is handled there.
 
 use std::io;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use rustix::process::Signal;
@@ -43,8 +43,12 @@ const TOLD: [(i32, &str); 11] = [
 /// Signals that do nothing, because the write that caused them fails by itself.
 const SILENT: [i32; 2] = [SIGXFSZ, SIGPIPE];
 
-/// Set by the first signal that ends a run, for good; empty before handlers are installed.
-static ORDERED_TO_STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+/// Number of the last signal that ends a run, 0 before; empty before handlers are installed.
+static ORDERED_TO_STOP: OnceLock<Arc<AtomicUsize>> = OnceLock::new();
+/// Number of the first one, noted at the first look after it came; 0 before.
+static FIRST_ORDER: AtomicUsize = AtomicUsize::new(0);
+/// Exit status of a program that a signal ended, less the signal's number.
+const BY_SIGNAL: u8 = 128;
 
 /// Signals that came since they are held; taken over by what is installed.
 static HELD: Mutex<Option<Pending>> = Mutex::new(None);
@@ -71,7 +75,19 @@ fn waiting() -> io::Result<Pending> {
 
 /// Tells whether a signal has asked this process to end.
 pub fn ordered_to_stop() -> bool {
-    ORDERED_TO_STOP.get().is_some_and(|ordered| ordered.load(Ordering::Relaxed))
+    stopped_status().is_some()
+}
+
+/// Exit status of work that was stopped before it was done, where a signal asked this process to end: 128 and the number of the first
+/// such signal, as shells have it.
+pub fn stopped_status() -> Option<u8> {
+    let last = ORDERED_TO_STOP.get()?.load(Ordering::Relaxed);
+    if last == 0 {
+        return None;
+    }
+    let noted = FIRST_ORDER.compare_exchange(0, last, Ordering::Relaxed, Ordering::Relaxed);
+    let first = noted.map_or_else(|first| first, |_| last);
+    Some(BY_SIGNAL.saturating_add(u8::try_from(first).unwrap_or_default()))
 }
 
 /// Order that a signal stands for.
@@ -99,7 +115,11 @@ impl Signals {
         let ordered = ORDERED_TO_STOP.get_or_init(Arc::default);
         for signal in STOPS {
             signal_hook::flag::register(signal, Arc::clone(stop))?;
-            signal_hook::flag::register(signal, Arc::clone(ordered))?;
+            signal_hook::flag::register_usize(
+                signal,
+                Arc::clone(ordered),
+                usize::try_from(signal).unwrap_or_default(),
+            )?;
         }
         let held = HELD.lock().unwrap_or_else(PoisonError::into_inner).take();
         let pending = held.map_or_else(waiting, Ok)?;
@@ -109,6 +129,8 @@ impl Signals {
 
     /// Orders that came since the last call; does not wait.
     pub fn orders(&mut self) -> Vec<Order> {
+        // A look that notes the first signal that ends the run.
+        ordered_to_stop();
         self.pending.pending().map(order).collect()
     }
 }

@@ -1,4 +1,4 @@
-//! Between the tick and everybody else: the newest status out, requests in, both lock-free for the tick.
+//! Between the tick and everybody else: the newest status out, requests in; the tick waits for nobody at either.
 //!
 //! A request is never carried out late. Each has a ticket with a time until which it counts; the tick takes it by one
 //! atomic exchange, and whoever asked can withdraw it by another until then, so that a request is either carried out or
@@ -12,6 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crossbeam::queue::ArrayQueue;
 use handover::ExplorationShown;
+use handover::crossing::{Inbox, Newest};
 use serde::{Deserialize, Serialize};
 use supervisor::{Condition, State};
 
@@ -139,8 +140,8 @@ pub struct Shown {
 
 /// State that both sides share.
 struct Shared {
-    status: ArrayQueue<Shown>,
-    orders: ArrayQueue<Order>,
+    status: Newest<Shown>,
+    orders: Inbox<Order>,
     retired: ArrayQueue<Spent>,
     /// Experiments that are over, on their way back.
     played: ArrayQueue<Box<OpenLoopPlayback>>,
@@ -201,8 +202,8 @@ pub struct OperatorMailbox {
 /// Makes both sides.
 pub fn mailbox() -> (TickMailbox, OperatorMailbox) {
     let shared = Arc::new(Shared {
-        status: ArrayQueue::new(1),
-        orders: ArrayQueue::new(MOST_WAITING),
+        status: Newest::new(),
+        orders: Inbox::new(MOST_WAITING),
         retired: ArrayQueue::new(2 * MOST_WAITING),
         played: ArrayQueue::new(MOST_PLAYED),
         fates: std::array::from_fn(|_| AtomicU64::new(WITHDRAWN)),
@@ -218,7 +219,7 @@ impl TickMailbox {
     /// Shows a new status, as of now.
     ///
     /// # Real-time
-    /// Runs in the tick: lock-free, allocation-free.
+    /// Runs in the tick: waits for nobody, allocates nothing.
     pub fn show(&self, status: Status) {
         self.show_as_of(status, now_ns());
     }
@@ -226,7 +227,7 @@ impl TickMailbox {
     /// Shows a status whose data is as old as this time, monotonic clock (ns): there is no session.
     pub fn show_as_of(&self, status: Status, at_ns: u64) {
         self.shared.vented.count(&status);
-        self.shared.status.force_push(Shown { status, at_ns, through: Ticket(self.through.get()) });
+        self.shared.status.show(Shown { status, at_ns, through: Ticket(self.through.get()) });
     }
 
     /// The next request that still counts, if there is one; disarming comes first.
@@ -238,11 +239,12 @@ impl TickMailbox {
             return Some(Request::Disarm);
         }
         for _ in 0..MOST_WAITING {
-            // A request that carries memory is only taken if that memory can be handed back.
-            if self.shared.retired.is_full() {
+            // A request that carries memory is only taken if that memory can be handed back, and not by way of the slot that somebody
+            // may be reading.
+            if self.shared.retired.len() + 1 >= self.shared.retired.capacity() {
                 return None;
             }
-            let order = self.shared.orders.pop()?;
+            let order = self.shared.orders.take()?;
             self.through.set(order.ticket);
             let vented = order.request.falls_with_venting() && self.shared.vented.since(order.since).is_some();
             let overruled = vented || order.ticket <= self.shared.disarmed_through.load(Ordering::Acquire);
@@ -288,7 +290,7 @@ impl TickMailbox {
 impl OperatorMailbox {
     /// The newest status that was shown since the last call, if a tick has passed.
     pub fn status(&self) -> Option<Shown> {
-        self.shared.status.pop()
+        self.shared.status.take()
     }
 
     /// All that has stopped the rig so far.
@@ -322,7 +324,7 @@ impl OperatorMailbox {
         let ticket = asked.last_ticket + 1;
         self.shared.place(ticket).store(ticket << 2 | WAITING, Ordering::Release);
         let order = Order { request, ticket, since, expires_ns: counts_until_ns };
-        self.shared.orders.push(order).map_err(|_| NotAsked::TooMany)?;
+        self.shared.orders.put(order).map_err(|_| NotAsked::TooMany)?;
         asked.last_ticket = ticket;
         Ok(Ticket(ticket))
     }

@@ -37,6 +37,23 @@ pub fn controller(arguments: &[&str], file: &Path) -> Command {
     command
 }
 
+/// A command that runs the program named behind it without real-time rights; `None` after a line that says that the test is
+/// skipped.
+pub fn without_real_time_rights() -> Option<Command> {
+    // Any user may give up limits, but the superuser's capabilities stand above them.
+    let tool = if rustix::process::getuid().is_root() { "setpriv" } else { "prlimit" };
+    if !Command::new(tool).arg("--version").stdout(Stdio::null()).status().is_ok_and(|status| status.success()) {
+        println!("SKIPPED: no {tool} here, which takes rights away");
+        return None;
+    }
+    let mut command = Command::new(tool);
+    if tool == "setpriv" {
+        command.args(["--bounding-set=-all", "--inh-caps=-all", "--no-new-privs", "prlimit"]);
+    }
+    command.args(["--rtprio=0:0", "--memlock=65536:65536"]);
+    Some(command)
+}
+
 /// A folder that goes away with its handle.
 pub struct Folder(PathBuf);
 

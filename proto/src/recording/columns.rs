@@ -262,7 +262,8 @@ fn missing(sheet: &Sheet<'_>, name: &str, from: &str) -> RecordingError {
         format!("the rig file's [recording] columns.{name} asks for it")
     };
     // What was left out of the file may be what is missed.
-    let mend = std::iter::once(&mend).chain(&sheet.notes).map(String::as_str).collect::<Vec<_>>().join("; ");
+    let mend = std::iter::once(mend).chain(sheet.own_names()).chain(sheet.notes.iter().cloned());
+    let mend = mend.collect::<Vec<_>>().join("; ");
     RecordingError::NotMapped {
         file: sheet.file.clone(),
         line: sheet.header_line,

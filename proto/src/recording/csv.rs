@@ -273,21 +273,38 @@ fn header(file: &str, line: u64, row: &[Cow<'_, [u8]>]) -> Result<Vec<String>, C
         }
         if !seen.insert(name) {
             let column = shown(name);
-            return Err(CsvError::DuplicateColumn { file: file.to_owned(), line, position, column });
+            return Err(CsvError::DuplicateColumn {
+                file: file.to_owned(),
+                line,
+                position,
+                column,
+                mend: String::new(),
+            });
         }
         names.push(name.to_owned());
     }
     Ok(names)
 }
 
+/// Hint for a row of whole numbers that may be the halves of numbers with decimal commas, or a row of more columns.
+pub(super) const MAY_BE_HALVES: &str = "; where these are halves of numbers with decimal commas, write points";
+
 /// The error of a row of so many cells too few or too many.
 pub(super) fn ragged<C: AsRef<[u8]>>(file: &str, line: u64, row: &[C], expected: usize) -> CsvError {
+    let is_whole = |cell: &C| {
+        let digits = cell.as_ref().trim_ascii();
+        let digits = digits.strip_prefix(b"-").unwrap_or(digits);
+        !digits.is_empty() && digits.iter().all(u8::is_ascii_digit)
+    };
+    // Two cells of each number with a comma in it, one of each that is whole.
+    let are_halves = row.len() > expected && row.len() <= 2 * expected && row.iter().all(is_whole);
     let hint = match row {
         [only] if only.as_ref().contains(&b';') => "; separate cells by commas",
-        row if row.len() == 2 * expected => "; write numbers with a point, not a comma",
+        row if expected > 1 && row.len() == 2 * expected => "; write numbers with a point, not a comma",
+        _ if are_halves => MAY_BE_HALVES,
         _ => "",
     };
-    CsvError::Ragged { file: file.to_owned(), line, found: row.len(), expected, hint }
+    CsvError::Ragged { file: file.to_owned(), line, found: row.len(), expected, hint: hint.to_owned() }
 }
 
 fn next_row<'a>(file: &str, rows: &mut Rows<'a>, row: &mut Vec<Cow<'a, [u8]>>) -> Result<Option<u64>, CsvError> {

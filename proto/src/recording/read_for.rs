@@ -15,11 +15,13 @@ use std::path::Path;
 
 use model::rig::{RecordingMap, Rig};
 
+use crate::recording::MOST_BYTES;
 use crate::recording::columns::{Asked, asked, check, naming, places};
 use crate::recording::csv::{Column, ColumnData, TIME_COLUMN, rows_alone};
 use crate::recording::logger_file::sheet::Sheet;
 use crate::recording::logger_file::{file_kind, logger_text, long_format, second_clock, serial_monitor, text_encoding};
 use crate::recording::mcap_file::from_ticks::Broken;
+use crate::recording::packed::{self, Unpacked};
 use crate::recording::recording_error::RecordingError;
 use crate::recording::rows::how_read::{HowRead, readings};
 use crate::recording::rows::lost_rows::Missing;
@@ -30,7 +32,6 @@ use crate::recording::rows::{asynchronous, lost_rows};
 use crate::recording::table::{Recording, Rows};
 use crate::recording::times::time_notes;
 use crate::recording::times::{Stamps, Times, places_of_time, times};
-use crate::recording::{MOST_BYTES, packed};
 use crate::regular_file;
 
 impl Recording {
@@ -44,11 +45,13 @@ impl Recording {
         let bytes = regular_file::read(path, MOST_BYTES)
             .map_err(|source| RecordingError::Read { file: file.clone(), source })?;
         let named_mcap = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("mcap"));
-        let bytes = packed::unpacked(&file, &bytes)?;
-        if bytes.starts_with(mcap::MAGIC) || named_mcap {
-            return Recording::parse_mcap(&file, &bytes, Broken::Missing)?.into_samples(rig);
-        }
-        Self::parse_for(&file, &bytes, rig)
+        let Unpacked { bytes, cut } = packed::unpacked_with_remark(&file, &bytes)?;
+        let recording = if bytes.starts_with(mcap::MAGIC) || named_mcap {
+            Recording::parse_mcap(&file, &bytes, Broken::Missing)?.into_samples(rig)?
+        } else {
+            Self::parse_content(&file, &bytes, rig)?
+        };
+        Ok(recording.with_first_note(cut))
     }
 
     /// Parses the bytes of a file that is no MCAP file, as [`Recording::read_for`] does; `file` is the name that errors carry.
@@ -56,7 +59,12 @@ impl Recording {
     /// # Errors
     /// As [`Recording::read_for`].
     pub fn parse_for(file: &str, bytes: &[u8], rig: &Rig) -> Result<Self, RecordingError> {
-        let bytes = &*packed::unpacked(file, bytes)?;
+        let Unpacked { bytes, cut } = packed::unpacked_with_remark(file, bytes)?;
+        Ok(Self::parse_content(file, &bytes, rig)?.with_first_note(cut))
+    }
+
+    /// Parses what was in a file, out of its compression.
+    fn parse_content(file: &str, bytes: &[u8], rig: &Rig) -> Result<Self, RecordingError> {
         let map = rig.recording.clone().unwrap_or_default();
         if let Some(sheet) = file_kind::sheet(file, bytes)? {
             return from_sheet(&sheet, rig, &map);
@@ -64,6 +72,9 @@ impl Recording {
         let text = text_encoding::decode(file, bytes).map_err(|error| file_kind::no_text(file, bytes, error))?;
         file_kind::check_text(file, &text)?;
         let text = serial_monitor::unfolded(text);
+        if serial_monitor::is_log(&text) {
+            return Err(file_kind::log(file));
+        }
         from_sheet(&logger_text::sheet(file, &text, &map)?, rig, &map)
     }
 

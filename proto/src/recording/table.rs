@@ -343,6 +343,12 @@ impl Recording {
         self
     }
 
+    /// Puts a remark on the file as a whole before all others.
+    pub(super) fn with_first_note(mut self, note: Option<String>) -> Self {
+        self.notes.splice(..0, note);
+        self
+    }
+
     /// The recording that samples were brought to; ranges of columns are for the caller to check.
     pub(super) fn from_rows(file: &str, rows: Rows) -> Result<Self, RecordingError> {
         let Rows { time_s, columns, measured, missing, sampling_s, header_line } = rows;

@@ -11,6 +11,7 @@ mod counter_wrap;
 mod forward;
 pub(crate) mod milliseconds;
 mod month_names;
+mod other_marks;
 mod seconds;
 pub(crate) mod time_notes;
 pub(crate) mod timestamps;
@@ -241,7 +242,8 @@ fn place(sheet: &Sheet<'_>, map: &RecordingMap) -> Result<Found, RecordingError>
         "where the time has another name say so in the rig file: [recording] time = \"…\"; where there is none, period_ms = …".to_owned()
     };
     // What was left out of the file may be what is missed.
-    let mend = std::iter::once(&mend).chain(&sheet.notes).map(String::as_str).collect::<Vec<_>>().join("; ");
+    let mend = std::iter::once(mend).chain(sheet.own_names()).chain(sheet.notes.iter().cloned());
+    let mend = mend.collect::<Vec<_>>().join("; ");
     Err(RecordingError::NotMapped {
         file: sheet.file.clone(),
         line: sheet.header_line,
@@ -287,12 +289,14 @@ fn guessed(sheet: &Sheet<'_>) -> Option<Vec<usize>> {
         });
         those.next().filter(|_| those.next().is_none())
     };
+    let dates: Vec<usize> = all().filter(|at| sheet.is_timestamped(*at)).collect();
     let named = NAMES.iter().find_map(|(name, _)| called(name)).or_else(|| with_its_unit(sheet));
+    // Beside a date and time they are a part of it.
+    let named = named.filter(|at| dates.len() != 1 || !milliseconds::are_of_a_second(sheet, *at));
     let named = named.or_else(|| NAMES_ELSEWHERE.iter().find_map(|name| called(name)));
     if let Some(at) = named.or_else(|| NAMES.iter().find_map(|(name, _)| is_field(name))) {
         return Some(vec![at]);
     }
-    let dates: Vec<usize> = (0..sheet.columns.len()).filter(|at| sheet.is_timestamped(*at)).collect();
     if dates.is_empty() {
         called_time_somehow(sheet).map(|at| vec![at])
     } else {

@@ -323,11 +323,11 @@ mod tests {
     /// Half a percent is no gain, though the figure is below that of before.
     #[test]
     fn the_verdict_has_the_differences_of_one_controllers_flights_for_its_yardstick() {
-        let outcome = |after| outcome([Some([0.08, 0.0]), Some([after, 0.0])]);
+        let outcome = |after: f64| outcome([Some([0.08, 0.02]), Some([after, 0.25 * after])]);
         let alike = outcome(0.0796);
         assert_eq!((alike.is_better, alike.verdict), (false, Some(Comparison::NoDifferent)));
         for told in [alike.text(), alike.page()] {
-            assert!(told.contains("tracks as well as before; nothing was gained: 1.31 times the optimum"), "{told}");
+            assert!(told.contains("tracks as well as before; nothing was gained: 1.62 times the optimum"), "{told}");
         }
         let json = serde_json::to_value(&alike).unwrap();
         assert_eq!((&json["is_better"], &json["verdict"]), (&false.into(), &"no_different".into()));

@@ -16,6 +16,8 @@ use crate::AdaptError;
 
 /// Between two looks at a child.
 const LOOK: Duration = Duration::from_millis(50);
+/// Exit status of a command that a SIGINT stopped before it was done.
+const BY_SIGINT: i32 = 130;
 
 /// Whoever looks on and decides.
 pub trait Console {
@@ -68,7 +70,7 @@ pub struct Step<'a> {
     program: &'a Path,
     name: &'static str,
     arguments: Vec<String>,
-    /// After so long it is asked to end, by SIGINT, and what it then leaves is taken.
+    /// After so long it is asked to end, by SIGINT, and what it then leaves is taken: that it was stopped is no failure then.
     pub most: Option<Duration>,
 }
 
@@ -142,7 +144,9 @@ impl<'a> Step<'a> {
             if let Some(status) = child.try_wait().map_err(lost)? {
                 // A Ctrl-C in the moment in which it is started still reaches it.
                 let is_stopped = is_stopping || (status.code().is_none() && console.stop());
-                return if is_stopped { Err(AdaptError::Stopped) } else { Ok(status.code()) };
+                let is_over = is_over_time && status.code() == Some(BY_SIGINT);
+                let status = if is_over { Some(0) } else { status.code() };
+                return if is_stopped { Err(AdaptError::Stopped) } else { Ok(status) };
             }
             if console.stop() && !is_stopping {
                 is_stopping = true;
@@ -237,5 +241,27 @@ mod tests {
         let said = group.done(&mut Console::default()).unwrap();
         let [group, own] = said.out.lines().collect::<Vec<_>>()[..] else { panic!("{said:?}") };
         assert_eq!(group, own);
+    }
+
+    /// A training that is stopped because its time is over says so by its exit status, and what it leaves is taken all the same.
+    #[test]
+    fn a_command_whose_time_is_over_has_not_failed() {
+        // The shell must have set its trap by then, also on a busy machine.
+        const PATIENCE_MS: u64 = 2000;
+        let programs = Programs { controller: "sh".into(), trainer: "sh".into() };
+        let ended_with = |status: i32, most_ms: u64| {
+            let script = format!("trap 'echo left; exit {status}' INT; while :; do sleep 0.01; done");
+            let step = programs.trainer(["-c", &script]).at_most(Duration::from_millis(most_ms));
+            step.done(&mut Console::default())
+        };
+        assert_eq!(ended_with(130, PATIENCE_MS).unwrap().out, "left\n");
+        let failed = ended_with(1, PATIENCE_MS);
+        assert!(
+            matches!(&failed, Err(AdaptError::Failed { said, .. }) if said == "left"),
+            "a failure stays one: {failed:?}"
+        );
+        // It was not asked to stop.
+        let by_itself = programs.trainer(["-c", "exit 130"]).at_most(Duration::from_secs(60));
+        assert!(matches!(by_itself.done(&mut Console::default()), Err(AdaptError::Failed { .. })));
     }
 }

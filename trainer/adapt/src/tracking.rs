@@ -9,6 +9,9 @@ use crate::yardstick::Yardstick;
 /// Ticks at the start of a run that do not count: the way to where the reference begins.
 pub(crate) const SKIPPED: usize = 250;
 
+/// Errors below this count as this much, in kPa, so that a channel without any has a ratio.
+const LEAST_KPA: f64 = 1e-6;
+
 /// Figures of a run along the reference.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Tracking {
@@ -57,13 +60,32 @@ impl Tracking {
         self.late_rmse_kpa.unwrap_or(self.rmse_kpa)
     }
 
-    /// Error of both channels together (root mean square) as a multiple of another run's: as the daemon weighs a policy against the
-    /// fallback.
-    pub fn over(&self, other: &Tracking) -> f64 {
-        self.both_kpa() / other.both_kpa().max(1e-6)
+    /// Errors of both channels as multiples of another run's.
+    pub(crate) fn over_by_channel(&self, other: &Tracking) -> [f64; 2] {
+        self.times_by_channel(other.judged_kpa())
     }
 
-    /// Root mean square of both channels together by which runs are compared, in kPa.
+    /// Error as a multiple of another run's: geometric mean of both channels. Of a root mean square over both, the channel that errs less by
+    /// its nature would be next to nothing: where the positive one cannot follow the reference, a third as much on the negative one is a
+    /// hundredth of the sum.
+    pub fn over(&self, other: &Tracking) -> f64 {
+        self.times(other.judged_kpa())
+    }
+
+    /// Error as a multiple of these errors in kPa: geometric mean of both channels.
+    pub(crate) fn times(&self, other_kpa: [f64; 2]) -> f64 {
+        let [pos, neg] = self.times_by_channel(other_kpa);
+        (pos * neg).sqrt()
+    }
+
+    fn times_by_channel(&self, other_kpa: [f64; 2]) -> [f64; 2] {
+        let mine_kpa = self.judged_kpa();
+        // Unlike `max`, this leaves what is no number as it is.
+        let at_least = |kpa: f64| kpa.clamp(LEAST_KPA, f64::INFINITY);
+        std::array::from_fn(|c| at_least(mine_kpa[c]) / at_least(other_kpa[c]))
+    }
+
+    /// Root mean square of both channels together, by which a flight is ended early, in kPa.
     pub fn both_kpa(&self) -> f64 {
         let [pos, neg] = self.judged_kpa();
         pos.hypot(neg)
@@ -107,6 +129,8 @@ mod tests {
         assert!((tracking.noise_kpa[0] - 0.2 / 6f64.sqrt()).abs() < 1e-9, "{tracking:?}");
         assert_eq!(of(&ticks[..400]), None);
         let twice = Tracking { rmse_kpa: tracking.rmse_kpa.map(|rmse_kpa| 2.0 * rmse_kpa), ..tracking };
-        assert!((tracking.over(&twice) - 0.5).abs() < 1e-12);
+        assert!((tracking.over_by_channel(&twice)[0] - 0.5).abs() < 1e-12);
+        let half = Tracking { rmse_kpa: [0.2, 0.05], ..tracking };
+        assert!((half.over(&Tracking { rmse_kpa: [0.1, 0.4], ..tracking }) - 0.5).abs() < 1e-12, "√(2 · 1/8)");
     }
 }

@@ -191,7 +191,7 @@ mod tests {
         assert!((late_of_reading - apart_kpa).abs() < 0.05 * apart_kpa, "{reading:?}");
         // Lines between ticks in the place of a sine: 10 · 0.64 · 0.02²/8, and the 1 ms parts.
         assert!(late_of_chamber < 1e-3, "{chamber:?}");
-        assert!(chamber.over(&reading) < 1e-3);
+        assert!(chamber.over_by_channel(&reading)[0] < 1e-3);
         // So it is second by second: the one is ended beside the other, and not the other way round.
         let by_second = |ticks: &[TickRecord], yardstick: &Yardstick| squares_by_second(ticks, 1000, yardstick);
         let [good, bad] = [&on_the_chamber, &on_the_reading].map(|ticks| by_second(ticks, &yardstick));

@@ -1,12 +1,12 @@
 //! Policies go out: with their plan fitted, their provenance, written aside and renamed into the watched folder.
 
-use std::fs::{hard_link, remove_file};
+use std::fs::hard_link;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 
 use model::rig::Rig;
-use proto::atomic_file::{self, AtomicFileError, AtomicFileStep};
+use proto::atomic_file::{self, AtomicFileError, AtomicFileStep, HiddenFile};
 use training::settings::Plan;
 use training::trained_policy::Origin;
 use training::{RunFiles, TrainedPolicy, TrainingError};
@@ -100,30 +100,27 @@ impl FinetuneRun {
 fn write_new(named: &Path, bytes: &[u8]) -> Result<PathBuf, AtomicFileError> {
     let stem = named.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let aside = named.with_file_name(format!(".{stem}.{}.new", std::process::id()));
-    atomic_file::write(&aside, bytes)?;
+    let aside = HiddenFile::write(aside, bytes)?;
     let mut number = 1;
-    let written = loop {
+    loop {
         let path = match number {
             1 => named.to_owned(),
             _ => named.with_file_name(format!("{stem}-{number}.onnx")),
         };
         // A link, as against a renaming, replaces nothing: not even what another run publishes in this moment.
-        match hard_link(&aside, &path) {
-            Ok(()) => break Ok(path),
+        match hard_link(aside.path(), &path) {
+            Ok(()) => return Ok(path),
             Err(error) if error.kind() == ErrorKind::AlreadyExists => {
                 if std::fs::read(&path).is_ok_and(|there| there == bytes) {
-                    break Ok(path);
+                    return Ok(path);
                 }
                 number += 1;
             }
             // A file system without links: nothing better is left than to look first.
-            Err(_) if !path.exists() => break atomic_file::write(&path, bytes).map(|()| path),
-            Err(source) => break Err(AtomicFileError { path, step: AtomicFileStep::Rename, source }),
+            Err(_) if !path.exists() => return atomic_file::write(&path, bytes).map(|()| path),
+            Err(source) => return Err(AtomicFileError { path, step: AtomicFileStep::Rename, source }),
         }
-    };
-    // A hidden file that cannot be removed is only litter.
-    let _ = remove_file(&aside);
-    written
+    }
 }
 
 #[cfg(test)]

@@ -3,8 +3,8 @@
 //! The look-up has a thread of its own. A name server that does not answer holds whoever asks for 10 s, two of them for
 //! 20 s. The tick's thread must not stand still for so long: it takes what operators ask for, systemd's watchdog is beaten
 //! only while it goes on, and the program ends with it. A daemon that the watchdog starts again has forgotten what waits
-//! for a person. The look-up has the priority of the thread that begins it; no session is open meanwhile that it could
-//! hold up.
+//! for a person. The look-up has the priority and the CPUs of any program, whoever begins it: it reads files, and what a name
+//! server sends.
 
 use std::io;
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
@@ -14,6 +14,7 @@ use std::time::Duration;
 use socket2::{Domain, Protocol, SockRef, Socket, TcpKeepalive, Type};
 
 use super::{HANDSHAKE, LinkError};
+use crate::machine::realtime::step_back;
 
 /// Room for commands that the cRIO has not read yet, in bytes; the kernel doubles it. A second or two of them, so that a
 /// cRIO that stopped reading is noticed.
@@ -38,8 +39,23 @@ impl LookUp {
     /// # Real-time
     /// Not for the tick: it allocates.
     pub(crate) fn begin(address: &str) -> Result<Self, LinkError> {
-        let (address, name) = (address.to_owned(), address.to_owned());
-        let look_up = move || name.to_socket_addrs().map(Iterator::collect);
+        let name = address.to_owned();
+        Self::begin_by(address, move || name.to_socket_addrs().map(Iterator::collect))
+    }
+
+    /// Begins to look up `host:port` in this way.
+    ///
+    /// # Errors
+    /// As [`Self::begin`].
+    pub(crate) fn begin_by(
+        address: &str,
+        look: impl FnOnce() -> io::Result<Vec<SocketAddr>> + Send + 'static,
+    ) -> Result<Self, LinkError> {
+        let address = address.to_owned();
+        let look_up = move || {
+            step_back();
+            look()
+        };
         match std::thread::Builder::new().name("look-up".to_owned()).spawn(look_up) {
             Ok(thread) => Ok(LookUp { address, thread }),
             Err(source) => Err(LinkError::Resolve { address, source }),
@@ -86,4 +102,39 @@ fn connect_to(address: SocketAddr) -> io::Result<TcpStream> {
     SockRef::from(&stream).set_tcp_keepalive(&keepalive)?;
     stream.set_nonblocking(true)?;
     Ok(stream)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{Arc, Mutex};
+
+    use rustix::thread::sched_getaffinity;
+    use thread_priority::{NormalThreadSchedulePolicy, ThreadSchedulePolicy, thread_schedule_policy};
+
+    use super::*;
+    use crate::config::Realtime;
+    use crate::machine::realtime::make_realtime;
+
+    /// Begun by a thread with the tick's kind of priority, and with the tick's CPU.
+    #[test]
+    fn a_look_up_has_the_priority_and_the_cpus_of_any_program() {
+        let found = Arc::new(Mutex::new(None));
+        let noted = Arc::clone(&found);
+        let allowed = sched_getaffinity(None).unwrap();
+        let begun = std::thread::spawn(move || {
+            // A priority that is refused is not inherited either; the CPU needs no right.
+            let refused = make_realtime(&Realtime { priority: 1, ..Realtime::default() });
+            refused.iter().for_each(|line| eprintln!("{line}"));
+            let own = sched_getaffinity(None).unwrap();
+            let look = move || {
+                *noted.lock().unwrap() = Some((thread_schedule_policy().unwrap(), sched_getaffinity(None).unwrap()));
+                Ok(Vec::new())
+            };
+            LookUp::begin_by("crio:1", look).unwrap().addresses().unwrap();
+            own
+        });
+        assert_eq!(begun.join().unwrap().count(), 1);
+        let ordinary = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
+        assert_eq!(*found.lock().unwrap(), Some((ordinary, allowed)));
+    }
 }

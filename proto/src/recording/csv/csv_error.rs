@@ -65,7 +65,7 @@ pub enum CsvError {
     },
     /// A name stands twice.
     #[error(
-        "{file}: line {line}, column {position}: {column} stands here a second time; every column needs a name of its own"
+        "{file}: line {line}, column {position}: {column} stands here a second time; every column needs a name of its own{mend}"
     )]
     DuplicateColumn {
         /// The file.
@@ -76,6 +76,8 @@ pub enum CsvError {
         position: usize,
         /// Name of the column.
         column: String,
+        /// Further mend, or nothing.
+        mend: String,
     },
     /// A column without a name.
     #[error("{file}: line {line}, column {position}: the column has no name")]
@@ -98,8 +100,8 @@ pub enum CsvError {
         found: usize,
         /// Columns in the header.
         expected: usize,
-        /// A guess at the reason, or nothing.
-        hint: &'static str,
+        /// A guess at the reason and the mend, or nothing.
+        hint: String,
     },
     /// A cell that is no number.
     #[error("{file}: line {line}, column {position} ({column}): \"{cell}\" is not a number{}", no_number_mend(.cell))]
@@ -340,7 +342,9 @@ pub enum CsvError {
         cell: String,
     },
     /// A quote is opened and not closed.
-    #[error("{file}: line {line}, column {position}: the quote that opens here is never closed")]
+    #[error(
+        "{file}: line {line}, column {position}: the quote that opens here is never closed; close it, or double a quote that is meant to be text"
+    )]
     OpenQuote {
         /// The file.
         file: String,

@@ -63,7 +63,7 @@ const REFUSED: [Refused; 15] = [
 ];
 
 /// First bytes of a MATLAB 5 file.
-const MAT5: &[u8] = b"MATLAB 5.0 MAT-file";
+pub(crate) const MAT5: &[u8] = b"MATLAB 5.0 MAT-file";
 
 /// The sheet that a file of numbers holds; `None` for text.
 ///
@@ -157,9 +157,32 @@ pub(crate) fn check_text(file: &str, text: &str) -> Result<(), RecordingError> {
     let (what, mend) = if after('<').is_some_and(|c| c.is_ascii_alphabetic() || matches!(c, '!' | '?')) {
         ("it is HTML or XML, which is not read", "save the table in it as CSV")
     } else if after('{') == Some('"') || after('[').is_some_and(|c| matches!(c, '{' | '[' | '"' | '-' | '0'..='9')) {
-        ("it is JSON, which is not read", "write it as CSV: a line of names, then a row per sample")
+        ("it is JSON, which is not read", json_mend(text))
     } else {
         return Ok(());
     };
     Err(RecordingError::Kind { file: file.to_owned(), what: what.to_owned(), mend: mend.to_owned() })
+}
+
+/// The error of a log of lines.
+pub(crate) fn log(file: &str) -> RecordingError {
+    RecordingError::Kind {
+        file: file.to_owned(),
+        what: "each of its lines says `name=number` among other words, as logs of programs and line protocols do, which is not read"
+            .to_owned(),
+        mend: "write it as CSV: a line of names with the time among them, then a row for each line with what stands behind the `=`"
+            .to_owned(),
+    }
+}
+
+/// The command that makes a table of JSON: of an object in each line, or of one value.
+fn json_mend(text: &str) -> &'static str {
+    let lines: Vec<&str> = text.lines().map(str::trim).filter(|line| !line.is_empty()).take(2).collect();
+    let is_object = |line: &&str| line.starts_with('{') && line.ends_with('}');
+    // One line alone may be an object of whole columns.
+    if lines.len() == 2 && lines.iter().all(is_object) {
+        "write it as CSV: python3 -c \"import pandas; pandas.read_json('FILE', lines=True, convert_dates=False).to_csv('FILE.csv', index=False)\""
+    } else {
+        "write it as CSV: python3 -c \"import pandas; pandas.read_json('FILE', convert_dates=False).to_csv('FILE.csv', index=False)\""
+    }
 }

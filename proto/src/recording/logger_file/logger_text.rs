@@ -21,7 +21,7 @@ use super::labview;
 use super::remarks::Remarks;
 use super::row_names;
 use super::second_header::{self, Repeated, SecondHeader};
-use super::sheet::{Cells, Sheet, SheetColumn, is_data};
+use super::sheet::{Cells, Sheet, SheetColumn, is_data, own_names};
 use super::table_head::Head;
 use crate::recording::csv::CsvError;
 use crate::recording::csv::cells::{Broken, Comments, Grammar, Rows};
@@ -274,6 +274,28 @@ fn behind_the_data(file: &str, lines: usize, from: u64) -> String {
     format!("{file}: {} of text behind the data, from line {from} on", counted(lines, "line"))
 }
 
+/// The error of a row of so many cells too few or too many, among these rows, with the key that would help.
+fn ragged(file: &str, (line, row): &Row<'_>, width: usize, rows: &[Row<'_>]) -> CsvError {
+    let cells: Vec<&str> = row.iter().map(AsRef::as_ref).collect();
+    let mut error = crate::recording::csv::ragged(file, *line, &cells, width);
+    if let CsvError::Ragged { found, hint, .. } = &mut error
+        && (hint.is_empty() || hint == crate::recording::csv::MAY_BE_HALVES)
+    {
+        let otherwise = if hint.is_empty() { "" } else { "otherwise " };
+        let alike = rows.iter().filter(|(_, other)| other.len() == *found).count();
+        *hint = if 2 * alike > rows.len() {
+            format!(", and so have most rows{hint}; {otherwise}{}", own_names(*found))
+        } else {
+            let usual = usual(rows.iter().map(|(_, other)| other.len()));
+            format!(
+                "{hint}; {otherwise}complete the row or leave it out; where another line names the columns, say in the rig file: [recording] header_line = …; where none does, {}",
+                own_names(usual)
+            )
+        };
+    }
+    error
+}
+
 /// Puts the rows below a head, with the rows that it stands in, into the columns of a sheet.
 pub(crate) fn fill<'a>(
     sheet: &mut Sheet<'a>,
@@ -328,8 +350,7 @@ pub(crate) fn fill<'a>(
                 sheet.notes.push(format!("{}: line {line}: the last row is cut off; left out", sheet.file));
                 break;
             }
-            let cells: Vec<&str> = row.iter().map(AsRef::as_ref).collect();
-            return Err(crate::recording::csv::ragged(&sheet.file, *line, &cells, width));
+            return Err(ragged(&sheet.file, of_line, width, rows));
         }
         noted.extend(note.map(|text| (*line, crate::recording::csv::shown(text))));
         for (column, texts) in texts.iter_mut().enumerate() {

@@ -81,13 +81,22 @@ impl Channel {
     }
 }
 
-/// The row nearest to a time; `None` for a time further outside all rows than they are apart.
+/// The row nearest to a time; `None` for a time further outside all rows than half the step at that end, for which a further row would be
+/// the nearest, and for one within a pause that is further from both its ends than rows are apart.
 fn nearest(rows: &[(usize, f64)], time_s: f64) -> Option<usize> {
+    let at = |row: usize| rows.get(row).map(|(_, time_s)| *time_s);
+    let last = rows.len().checked_sub(1)?;
     let behind = rows.partition_point(|(_, of)| *of < time_s);
-    let off = |at: usize| rows.get(at).map_or(f64::INFINITY, |(_, of)| (of - time_s).abs());
-    let at = behind.checked_sub(1).filter(|before| off(*before) <= off(behind)).unwrap_or(behind);
-    let step_s = rows.last()?.1 - rows.first()?.1;
-    (off(at) <= step_s / (rows.len() - 1) as f64).then_some(at)
+    let off = |row: usize| at(row).map_or(f64::INFINITY, |of| (of - time_s).abs());
+    let nearest = behind.checked_sub(1).filter(|before| off(*before) <= off(behind)).unwrap_or(behind);
+    let most = if time_s < at(0)? {
+        (at(1)? - at(0)?) / 2.0
+    } else if time_s > at(last)? {
+        (at(last)? - at(last.checked_sub(1)?)?) / 2.0
+    } else {
+        (at(last)? - at(0)?) / last as f64
+    };
+    (off(nearest) <= most).then_some(nearest)
 }
 
 #[cfg(test)]
@@ -119,5 +128,32 @@ mod tests {
         assert_eq!((&*commands[0], &*commands[5]), ("0", "1"));
         // Times that go back say of no row when it was.
         assert!(labview::sheet("a.lvm", &text.replace("1.98\t99.5", "0.50\t99.5"), &RecordingMap::default()).is_err());
+    }
+
+    /// Two clocks of one step, the second of which begins a step before the first and ends a step behind it: for its first and last sample the
+    /// first clock has no row, and they must not take the place of what was read at its ends. Half a step outside is still nearest to
+    /// an end.
+    #[test]
+    fn a_sample_a_step_outside_the_other_clock_belongs_to_none_of_its_rows() {
+        let brought = |shift_s: f64| {
+            let mut text = "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\tMulti\n***End_of_Header***\t\n\t\n\
+                            Channels\t2\n***End_of_Header***\t\nX_Value\tp\tX_Value\tu\tComment\n"
+                .to_owned();
+            for k in 0..60 {
+                // 40 samples every 20 ms, from 8 to 8.8 s; the first clock has 60 rows, from 8.02 to 9.2 s.
+                let second =
+                    if k < 40 { format!("{:.3}\t{k}", 8.0 + shift_s + 0.02 * f64::from(k)) } else { "\t".into() };
+                text += &format!("{:.3}\t5\t{second}\n", 8.02 + 0.02 * f64::from(k));
+            }
+            let sheet = labview::sheet("a.lvm", &text, &RecordingMap::default()).unwrap();
+            let at = sheet.find("u").unwrap().unwrap();
+            let super::Cells::Text(texts) = &sheet.columns[at].cells else { panic!("{sheet:?}") };
+            texts.iter().map(ToString::to_string).collect::<Vec<_>>()
+        };
+        assert_eq!(brought(0.0)[..3], ["1", "2", "3"], "its first sample is a step before the first row");
+        assert_eq!(brought(0.012)[..3], ["0", "1", "2"], "8 ms before the first row, nearer to it than to any other");
+        // The last three samples are 0, 20 and 40 ms behind the last row.
+        let behind = brought(0.46);
+        assert_eq!(behind[59], "37", "{behind:?}");
     }
 }

@@ -3,6 +3,7 @@
 //! ```text
 //! 12:34:56.789 -> 0.85,0.77,92.1          the time becomes the first cell
 //! u_pos:0.85,u_neg:0.77,p:92.1            names become a header
+//! t=20 u_pos=0.85 u_neg=0.77 p=92.1       likewise
 //! ```
 
 use std::borrow::Cow;
@@ -11,6 +12,8 @@ use crate::recording::times::timestamps::is_clock_alone;
 
 /// Mark between the time of a line and the line.
 const ARROW: &str = " -> ";
+/// Marks between a name and its number.
+const NAMED: [char; 2] = [':', '='];
 /// Lines at the beginning that tell; all of them must be such.
 const TELLING_LINES: usize = 20;
 
@@ -51,12 +54,26 @@ fn stamps_as_cells(text: &str) -> Option<String> {
 }
 
 fn is_names(rest: &str) -> bool {
-    rest.trim_start().starts_with(|c: char| c.is_alphabetic() || c == '"') && !rest.contains(':')
+    rest.trim_start().starts_with(|c: char| c.is_alphabetic() || c == '"') && !rest.contains(NAMED)
+}
+
+/// Tells whether every line says numbers behind their names, and other words beside them: logs of programs, line protocols.
+pub(crate) fn is_log(text: &str) -> bool {
+    let names = |line: &str| -> Vec<String> {
+        let words = line.split([',', ';', '\t', ' ']);
+        words
+            .filter_map(|word| word.split_once('='))
+            .filter(|(_, number)| number.parse::<f64>().is_ok())
+            .map(|(name, _)| name.to_owned())
+            .collect()
+    };
+    let first = telling(text).next().map(names).unwrap_or_default();
+    first.len() > 1 && telling(text).all(|line| names(line) == first)
 }
 
 /// A name and a number.
 fn pair(cell: &str) -> Option<(&str, &str)> {
-    let (name, number) = cell.split_once(':')?;
+    let (name, number) = cell.split_once(NAMED)?;
     let (name, number) = (name.trim(), number.trim());
     (name.starts_with(char::is_alphabetic) && number.parse::<f64>().is_ok()).then_some((name, number))
 }
@@ -102,6 +119,9 @@ mod tests {
             of("01:02:03.024 -> u:0.5 p:90\n01:02:03.044 -> u:0.6 p:91\n"),
             "time,u,p\n01:02:03.024,0.5,90\n01:02:03.044,0.6,91\n"
         );
+        assert_eq!(of("t=0 u=0.5 p=-9e1\nt=20 u=0.6 p=91\n"), "t,u,p\n0,0.5,-9e1\n20,0.6,91\n");
+        let log = "2026-03-29 10:00:00,020 INFO rig: u=0.5 p=90\n";
+        assert!(is_log(log) && of(log) == log && !is_log("t,u\nCH=1,CH=2\n0,1\n") && !is_log("k=1,v\nk=2,v\n"));
         for table in ["t,u\n0,1\n", "12:00:01,1\n12:00:02,1\n", "a -> b\n", "", "key:1\nkey:2\n"] {
             assert_eq!(of(table), table);
         }

@@ -87,6 +87,14 @@ fn stated_unit<'t>(texts: &'t [Cow<'_, str>], decimal: Decimal) -> Option<&'t st
     quantity(first, decimal).map(|(_, unit)| unit)
 }
 
+/// The keys by which a person names the columns of a file whose own lines do not.
+pub(crate) fn own_names(columns: usize) -> String {
+    let columns = if columns == 1 { "column".to_owned() } else { format!("{columns} columns") };
+    format!(
+        "name all {columns} in the rig file, [recording] names = [\"…\", …], with header_line = … for the last line above the data"
+    )
+}
+
 /// The last part of a name of parts with points between them.
 pub(crate) fn field(name: &str) -> Option<&str> {
     let (of, field) = name.rsplit_once('.')?;
@@ -150,9 +158,17 @@ impl<'a> Sheet<'a> {
                 line: self.header_line.unwrap_or(1),
                 position: at + 1,
                 column: name.to_owned(),
+                mend: format!(": {}", own_names(self.columns.len())),
             }),
             None => Ok(first),
         }
+    }
+
+    /// The mend of a file whose line of names has one of them twice, as where an oscilloscope writes a line of units alone.
+    pub(crate) fn own_names(&self) -> Option<String> {
+        let mut seen = std::collections::HashSet::new();
+        let twice = self.columns.iter().find(|column| !seen.insert(column.title.as_str()))?;
+        Some(format!("{} stands there twice: {}", twice.title, own_names(self.columns.len())))
     }
 
     /// Names for an error.

@@ -59,10 +59,10 @@ impl<'a> Head<'a> {
             return Self::without_row(file, rows, first, manner, comment);
         };
         let (line, cells) = rows.get(at).cloned().unwrap_or_default();
-        let units = rows.get(at + 1).filter(|row| is_units(&row.1)).map(|row| row.1.clone());
+        let units = units_below(rows, at, manner);
         let first =
             if map.header_line.is_some() || first <= at { at + 1 + usize::from(units.is_some()) } else { first };
-        let (names, rows_above) = (cells.iter().map(|name| name.to_string()).collect(), at);
+        let (names, rows_above) = (under_merged_cells(rows.get(..at).unwrap_or_default(), &cells), at);
         Ok(Head { line: Some(line), names, units: units.unwrap_or_default(), first, rows_above, in_comment: false })
     }
 
@@ -153,6 +153,46 @@ fn of_levels(rows: &[Row<'_>], names: &[Cow<'_, str>]) -> Vec<String> {
     joined
 }
 
+/// Names of a header. Where one stands twice, what the row above says of it is put before it: a spreadsheet that merges cells writes
+/// a word over the first of the columns that it is for, and blanks over the rest.
+fn under_merged_cells(above: &[Row<'_>], names: &[Cow<'_, str>]) -> Vec<String> {
+    // Where no word of it is for two columns, nothing was merged.
+    let is_merged =
+        |row: &[Cow<'_, str>]| row.len() == names.len() && (!are_names(row) || row.iter().any(|cell| cell.is_empty()));
+    let groups = above.last().map(|(_, row)| row).filter(|row| !are_names(names) && is_merged(row));
+    let Some(groups) = groups else { return names.iter().map(ToString::to_string).collect() };
+    let mut merged = "";
+    let group_of = |group| {
+        if !str::is_empty(group) {
+            merged = group;
+        }
+        merged
+    };
+    let groups: Vec<&str> = groups.iter().map(AsRef::as_ref).map(group_of).collect();
+    let stands_twice = |name: &str| names.iter().filter(|other| *other == name).count() > 1;
+    let joined = |(group, name): (&str, &Cow<'_, str>)| {
+        if stands_twice(name) && !group.is_empty() { format!("{group} {name}") } else { name.to_string() }
+    };
+    groups.into_iter().zip(names).map(joined).collect()
+}
+
+/// The row of units below the names at an index, with nothing but units in it: all of its cells are some, or those above numbers are, as in
+/// `Sequence,Volt,Volt,-0.3,0.02` where an oscilloscope has further numbers beside its units.
+fn units_below<'a>(rows: &[Row<'a>], names: usize, manner: &Manner) -> Option<Vec<Cow<'a, str>>> {
+    let (_, units) = rows.get(names + 1)?;
+    if is_units(units) {
+        return Some(units.clone());
+    }
+    let (_, data) = rows.get(names + 2)?;
+    let above_numbers =
+        || units.iter().zip(data).filter(|(_, below)| is_data(below, manner.decimal)).map(|(unit, _)| unit);
+    let known = above_numbers().filter(|unit| Unit::parse(unit).is_some_and(|unit| unit != Unit::Other)).count();
+    let are_units =
+        known > 0 && 2 * known >= above_numbers().count() && !above_numbers().any(|unit| is_data(unit, manner.decimal));
+    let alone = |unit: &Cow<'a, str>| if Unit::parse(unit).is_some() { unit.clone() } else { Cow::Borrowed("") };
+    are_units.then(|| units.iter().map(alone).collect())
+}
+
 /// Indices of the header and of the first row of data: of all places where data follow a header, that with the most data, and of
 /// those with the same names the first.
 fn found(rows: &[Row<'_>], is_data: &[bool], manner: &Manner) -> Option<(usize, usize)> {
@@ -182,6 +222,8 @@ fn is_data_cell(cell: &str, manner: &Manner) -> bool {
 
 /// Index of the header above the data.
 fn above(rows: &[Row<'_>], first: usize, manner: &Manner) -> Option<usize> {
+    // Cells of the data, those included that are blank in every row.
+    let width = rows.get(first).map_or(0, |row| row.1.len());
     let named = |at: usize| {
         let row = rows.get(at)?;
         let cells = row.1.len();
@@ -189,13 +231,22 @@ fn above(rows: &[Row<'_>], first: usize, manner: &Manner) -> Option<usize> {
         // One name more is that of a comment which no row has; one less that of an index without a name.
         // A remark in a line of empty cells names no columns.
         let named = row.1.iter().filter(|cell| !cell.is_empty()).count();
-        (texts && named > 0 && 2 * named >= manner.cells && cells.abs_diff(manner.cells) <= 1).then_some(at)
+        let as_many = [manner.cells, width].iter().any(|of_data| cells.abs_diff(*of_data) <= 1);
+        (texts && named > 0 && 2 * named >= manner.cells && as_many).then_some(at)
     };
     let cells = |at: usize| rows.get(at).map_or(&[] as &[Cow<'_, str>], |row| row.1.as_slice());
+    // `CH=1`, `SR=50 Hz`: settings of each channel between its name and its numbers. `trace_values`: a word that numbers begin.
+    let is_beside = |at: &usize| {
+        let mut filled = cells(*at).iter().filter(|cell| !cell.is_empty()).peekable();
+        let is_alone = cells(*at).len() == 1 && manner.cells > 2;
+        is_alone || filled.peek().is_some() && filled.all(|cell| cell.contains('='))
+    };
+    // Where nothing else stands above, such a row is the header.
+    let first = (0..first).rev().find(|at| !is_beside(at)).map_or(first, |at| at + 1);
     let Some(directly) = first.checked_sub(1).and_then(named) else {
         // Units of a few columns alone, the others' cells blank.
         let names = first.checked_sub(2).and_then(named).filter(|at| !is_units(cells(*at)))?;
-        return is_units(cells(names + 1)).then_some(names);
+        return units_below(rows, names, manner).map(|_| names);
     };
     // What each number is (its unit, how it was sampled, a line of dashes) may stand between names and data.
     let mut between = std::iter::successors(Some(directly), |at| at.checked_sub(1).and_then(named));

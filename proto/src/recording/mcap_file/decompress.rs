@@ -25,8 +25,8 @@ pub(crate) enum End {
     Missing,
 }
 
-/// The most that one chunk may grow to (bytes).
-const MOST: u64 = 1 << 30;
+/// The most that one chunk or file may grow to (bytes): ten days of the daemon's own ticks as text.
+pub(crate) const MOST: u64 = 2 << 30;
 /// The largest window of a zstd frame (bytes): that of level 22, `--long`.
 const WINDOW: u64 = 1 << 27;
 /// Bytes read at a time.
@@ -57,10 +57,45 @@ fn zstd(bytes: &[u8], most: u64) -> Decompressed {
     }
 }
 
-/// A zstd frame that is cut off, ended behind its last whole block; `None` for one that is whole, or is none.
+/// A zstd frame that is cut off, ended behind its last whole block; `None` for one that is whole, is damaged, or is none.
 fn ended(bytes: &[u8]) -> Option<Vec<u8>> {
-    const MAGIC: &[u8] = b"\x28\xb5\x2f\xfd";
-    let descriptor = *bytes.strip_prefix(MAGIC)?.first()?;
+    let Some(FrameEnd::Cut { whole_blocks }) = zstd_frame(bytes) else { return None };
+    let mut whole = bytes.get(..whole_blocks)?.to_vec();
+    // No checksum follows, and an empty raw block ends it.
+    *whole.get_mut(ZSTD.len())? &= !CHECKSUM;
+    whole.extend_from_slice(&[1, 0, 0]);
+    Some(whole)
+}
+
+/// First bytes of a zstd frame.
+pub(crate) const ZSTD: &[u8] = b"\x28\xb5\x2f\xfd";
+/// Flag in a frame's descriptor: a checksum follows its last block.
+const CHECKSUM: u8 = 0x04;
+const CHECKSUM_BYTES: usize = 4;
+/// Kinds of blocks: one byte many times, and one that no frame has.
+const RUN_LENGTH: u32 = 1;
+const RESERVED: u32 = 3;
+/// The largest block (bytes).
+const LARGEST_BLOCK: usize = 128 << 10;
+
+/// End of a zstd frame, by the sizes of its blocks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum FrameEnd {
+    /// It is there.
+    Whole {
+        /// Bytes of the frame.
+        length: usize,
+    },
+    /// It is cut off.
+    Cut {
+        /// Bytes up to the end of its last whole block.
+        whole_blocks: usize,
+    },
+}
+
+/// Walks over the blocks of the zstd frame that bytes begin with; `None` where they begin with none, or with a damaged one.
+pub(crate) fn zstd_frame(bytes: &[u8]) -> Option<FrameEnd> {
+    let descriptor = *bytes.strip_prefix(ZSTD)?.first()?;
     let single_segment = descriptor & 0x20 != 0;
     let window = usize::from(!single_segment);
     let dictionary = [0, 1, 2, 4][usize::from(descriptor & 3)];
@@ -70,22 +105,29 @@ fn ended(bytes: &[u8]) -> Option<Vec<u8>> {
         2 => 4,
         _ => 8,
     };
-    let mut at = MAGIC.len() + 1 + window + dictionary + content;
+    let mut at = ZSTD.len() + 1 + window + dictionary + content;
     loop {
-        let [low, middle, high] = *bytes.get(at..)?.first_chunk::<3>().unwrap_or(&[0xFF; 3]);
-        let header = u32::from_le_bytes([low, middle, high, 0]);
-        // Of a run-length block one byte is there, whatever its size.
-        let size = if header >> 1 & 3 == 1 { 1 } else { (header >> 3) as usize };
-        let next = at + 3 + size;
-        if bytes.len() < next {
-            let mut whole = bytes.get(..at)?.to_vec();
-            // No checksum follows, and an empty raw block ends it.
-            *whole.get_mut(MAGIC.len())? &= !0x04;
-            whole.extend_from_slice(&[1, 0, 0]);
-            return Some(whole);
-        }
-        if header & 1 == 1 {
+        let Some([low, middle, high]) = bytes.get(at..)?.first_chunk::<3>() else {
+            return Some(FrameEnd::Cut { whole_blocks: at });
+        };
+        let header = u32::from_le_bytes([*low, *middle, *high, 0]);
+        let (kind, size) = (header >> 1 & 3, (header >> 3) as usize);
+        if kind == RESERVED || size > LARGEST_BLOCK {
             return None;
+        }
+        // Of a run-length block one byte is there, whatever its size.
+        let size = if kind == RUN_LENGTH { 1 } else { size };
+        let next = at + 3 + size;
+        let is_last = header & 1 == 1;
+        let checksum = if is_last && descriptor & CHECKSUM != 0 { CHECKSUM_BYTES } else { 0 };
+        if bytes.len() < next {
+            return Some(FrameEnd::Cut { whole_blocks: at });
+        }
+        if bytes.len() < next + checksum {
+            return Some(FrameEnd::Cut { whole_blocks: next });
+        }
+        if is_last {
+            return Some(FrameEnd::Whole { length: next + checksum });
         }
         at = next;
     }

@@ -44,6 +44,7 @@ fn check_names_and_numbers(file: &str, table: &Table) -> Result<(), CsvError> {
                 line: 1,
                 position: index + 2,
                 column: column.name.clone(),
+                mend: String::new(),
             });
         }
         if let ColumnData::Numbers(numbers) = &column.data {

@@ -9,6 +9,7 @@
 //! lie apart, such as the beginnings of runs, an hour is an hour.
 
 use super::month_names::{in_numbers, month_of};
+use super::other_marks::with_usual_marks;
 
 /// Seconds of a day.
 const DAY_S: f64 = 86_400.0;
@@ -167,9 +168,10 @@ fn goes_on(step_s: f64, longest_s: f64) -> bool {
     step_s > 0.0 && step_s < 1.5 * longest_s
 }
 
-/// A time in one of the writings that have no marks between their parts, or a month by name, with numbers and marks; `None` of another.
+/// A time in one of the writings that have no marks between their parts, other ones, or a month by name, with numbers and marks; `None` of
+/// another.
 fn spread(text: &str) -> Option<String> {
-    in_digits(text).or_else(|| in_numbers(text))
+    in_digits(text).or_else(|| in_numbers(text)).or_else(|| with_usual_marks(text))
 }
 
 /// `20260329T015900.020Z`, the basic format of ISO 8601, with its marks; `None` of any other text.

@@ -1,0 +1,60 @@
+//! One rule of exit statuses: what Ctrl-C (SIGINT) or SIGTERM stops before it is done ends with 128 and the signal's number, whatever it
+//! leaves; what has no end of its own is done when it is stopped. Training, `adapt`, `experiment` and `rt-test` have theirs beside
+//! their other tests.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use proto::recording::unfinished_path;
+use serde_json::Value;
+use tests::{Folder, Running, Stream, program};
+
+const SOON: Duration = Duration::from_secs(30);
+
+/// A run that is stopped leaves its recording, its report and its figures, and says that it is not all.
+#[test]
+fn a_demo_that_is_stopped_within_its_run_leaves_all_it_has() {
+    for (signal, status) in [("INT", 130), ("TERM", 143)] {
+        let folder = Folder::new();
+        let mut command = Command::new(program("controller"));
+        command.args(["demo", "--seconds", "3000", "--policy", "fallback", "--out"]).arg(folder.join("out"));
+        let demo = Running::start(&mut command);
+        // Live lines are written over, on standard error: what the recorder has begun is a file.
+        let begun = unfinished_path(&folder.join("out/flight.mcap"));
+        let until = Instant::now() + SOON;
+        while std::fs::metadata(&begun).map_or(0, |file| file.len()) == 0 {
+            assert!(Instant::now() < until, "{}: nothing recorded within {SOON:?}", begun.display());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        demo.signal(signal);
+        let ended = demo.wait(SOON);
+        assert_eq!(ended.status, Some(status), "{ended:?}");
+        assert!(ended.stdout.contains("recording  ") && ended.stdout.contains("report     "), "{ended:?}");
+        assert!(folder.join("out/flight.mcap").is_file() && folder.join("out/report.html").is_file());
+    }
+}
+
+#[test]
+fn what_has_no_end_of_its_own_is_done_when_it_is_stopped() {
+    let folder = Folder::new();
+    let socket = folder.join("controller.sock");
+    for signal in ["INT", "TERM"] {
+        let mut live = Command::new(program("controller"));
+        live.args(["live", "--listen", "127.0.0.1:0", "--socket"]).arg(&socket);
+        let live = Running::start(&mut live);
+        live.line(Stream::Out, "http://", SOON);
+        live.signal(signal);
+        let ended = live.wait(SOON);
+        assert_eq!(ended.status, Some(0), "{ended:?}");
+
+        let mut rig = Command::new(program("trainer"));
+        rig.args(["rig", "--listen", "127.0.0.1:0", "--json"]);
+        let rig = Running::start(&mut rig);
+        rig.line(Stream::Err, "listening on", SOON);
+        rig.signal(signal);
+        let ended = rig.wait(SOON);
+        assert_eq!(ended.status, Some(0), "{ended:?}");
+        assert!(serde_json::from_str::<Value>(&ended.stdout).is_ok(), "{ended:?}");
+    }
+}
