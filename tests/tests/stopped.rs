@@ -6,7 +6,7 @@
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use proto::recording::unfinished_path;
+use proto::recording::{read_mcap, unfinished_path};
 use serde_json::Value;
 use tests::{Folder, Running, Stream, program};
 
@@ -20,11 +20,11 @@ fn a_demo_that_is_stopped_within_its_run_leaves_all_it_has() {
         let mut command = Command::new(program("controller"));
         command.args(["demo", "--seconds", "3000", "--policy", "fallback", "--out"]).arg(folder.join("out"));
         let demo = Running::start(&mut command);
-        // Live lines are written over, on standard error: what the recorder has begun is a file.
+        // Live lines are written over, on standard error: a recording without a tick would have no report.
         let begun = unfinished_path(&folder.join("out/flight.mcap"));
         let until = Instant::now() + SOON;
-        while std::fs::metadata(&begun).map_or(0, |file| file.len()) == 0 {
-            assert!(Instant::now() < until, "{}: nothing recorded within {SOON:?}", begun.display());
+        while read_mcap(&begun).map_or(0, |content| content.ticks.len()) == 0 {
+            assert!(Instant::now() < until, "{}: no tick recorded within {SOON:?}", begun.display());
             std::thread::sleep(Duration::from_millis(20));
         }
         demo.signal(signal);

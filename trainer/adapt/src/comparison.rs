@@ -23,7 +23,7 @@ pub enum Comparison {
 }
 
 impl Comparison {
-    /// Comparison of a flight with one before it. What is gained on one channel at the other's cost ([`WORSE`]) is no gain.
+    /// Comparison of a flight with one before it. What is gained on one channel at the other's cost (more than 5 %) is no gain.
     pub fn of(after: &Tracking, before: &Tracking) -> Self {
         let [pos, neg] = after.over_by_channel(before);
         match after.over(before) {
