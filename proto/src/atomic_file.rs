@@ -90,7 +90,7 @@ impl HiddenFile {
     /// Writes it.
     ///
     /// # Errors
-    /// As [`write`].
+    /// As [`write()`].
     pub fn write(path: PathBuf, bytes: &[u8]) -> Result<Self, AtomicFileError> {
         being_written().push(path.clone());
         let this = HiddenFile { path };
