@@ -261,15 +261,12 @@ fn missing(sheet: &Sheet<'_>, name: &str, from: &str) -> RecordingError {
     } else {
         format!("the rig file's [recording] columns.{name} asks for it")
     };
-    // What was left out of the file may be what is missed.
-    let mend = std::iter::once(mend).chain(sheet.own_names()).chain(sheet.notes.iter().cloned());
-    let mend = mend.collect::<Vec<_>>().join("; ");
     RecordingError::NotMapped {
         file: sheet.file.clone(),
         line: sheet.header_line,
         column: from.to_owned(),
         found: sheet.listed(),
-        mend,
+        mend: sheet.mend_of_missing(mend),
     }
 }
 

@@ -241,15 +241,12 @@ fn place(sheet: &Sheet<'_>, map: &RecordingMap) -> Result<Found, RecordingError>
     } else {
         "where the time has another name say so in the rig file: [recording] time = \"…\"; where there is none, period_ms = …".to_owned()
     };
-    // What was left out of the file may be what is missed.
-    let mend = std::iter::once(mend).chain(sheet.own_names()).chain(sheet.notes.iter().cloned());
-    let mend = mend.collect::<Vec<_>>().join("; ");
     Err(RecordingError::NotMapped {
         file: sheet.file.clone(),
         line: sheet.header_line,
         column: column.map_or(TIME_COLUMN, String::as_str).to_owned(),
         found: sheet.listed(),
-        mend,
+        mend: sheet.mend_of_missing(mend),
     })
 }
 

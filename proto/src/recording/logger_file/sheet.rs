@@ -164,8 +164,14 @@ impl<'a> Sheet<'a> {
         }
     }
 
+    /// This mend of a column that is missing, with what else may be the reason: names that stand twice, and what was left out of the file.
+    pub(crate) fn mend_of_missing(&self, mend: String) -> String {
+        let all = std::iter::once(mend).chain(self.own_names()).chain(self.notes.iter().cloned());
+        all.collect::<Vec<_>>().join("; ")
+    }
+
     /// The mend of a file whose line of names has one of them twice, as where an oscilloscope writes a line of units alone.
-    pub(crate) fn own_names(&self) -> Option<String> {
+    fn own_names(&self) -> Option<String> {
         let mut seen = std::collections::HashSet::new();
         let twice = self.columns.iter().find(|column| !seen.insert(column.title.as_str()))?;
         Some(format!("{} stands there twice: {}", twice.title, own_names(self.columns.len())))
