@@ -397,7 +397,7 @@ fn every_refusal_names_the_key_that_helps() {
     }
     for (bytes, word) in [
         (&b"MATLAB 7.3 MAT-file, Platform: GLNXA64"[..], "'-v7'"),
-        (b"\x89HDF\r\n\x1a\n", "HDF5"),
+        (b"\x89HDF\r\n\x1a\n", "an HDF5 file, damaged or cut off"),
         (b"PAR1....", "read_parquet"),
         (b"PK\x03\x04....", "save the sheet as CSV"),
         (b"\x1f\x8b\x08", "gunzip"),

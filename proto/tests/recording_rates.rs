@@ -37,7 +37,7 @@ fn held(every: [usize; 2]) -> impl Fn(usize) -> [String; 2] {
     move |k| std::array::from_fn(|of| format!("{:.4}", pressures(k / every[of] * every[of])[of]))
 }
 
-/// That reading with nothing between; the second sensor is read `late` rows later.
+/// Reading of one rate with nothing between; the second sensor is read `late` rows later.
 fn blank(every: [usize; 2], late: usize) -> impl Fn(usize) -> [String; 2] {
     move |k| {
         let is_read = [k.is_multiple_of(every[0]), k % every[1] == late];

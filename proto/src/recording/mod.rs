@@ -8,7 +8,7 @@
 //! | [`McapFollower`] | the same, while the file grows |
 //! | [`Recording`] | a table of named columns over time, from MCAP or CSV |
 //! | `read_for` | [`Recording::read_for`]: any file for a rig, as its `[recording]` table says; the way in of every command |
-//! | `logger_text`, `labview`, `mat5` | what loggers, LabVIEW and MATLAB write, to a `sheet` of named columns |
+//! | `logger_text`, `labview`, `mat5`, `hdf5` | what loggers, LabVIEW, MATLAB and HDF5's users write, to a `sheet` of named columns |
 //! | `columns`, `times`, `timestamps`, `units` | a sheet's columns in the rig's units, and its times |
 //! | `packed` | files that were compressed as a whole |
 //! | `resample` | samples of any rate to rows of 20 ms; lost rows bridged |

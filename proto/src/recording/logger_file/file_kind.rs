@@ -1,7 +1,7 @@
 //! Kinds of files, known by their first bytes: those that are read, and those that are refused with the line that makes them readable.
 
-use super::mat5;
 use super::sheet::Sheet;
+use super::{hdf5, mat5};
 use crate::recording::csv::CsvError;
 use crate::recording::recording_error::RecordingError;
 
@@ -12,7 +12,7 @@ struct Refused {
     mend: &'static str,
 }
 
-const REFUSED: [Refused; 15] = [
+const REFUSED: [Refused; 13] = [
     Refused {
         magic: b"version https://git-lfs",
         what: "a pointer of Git LFS, not the file",
@@ -22,16 +22,6 @@ const REFUSED: [Refused; 15] = [
     Refused { magic: b"\xff\xd8\xff", what: "a picture", mend: "give the table that it shows" },
     Refused { magic: b"%PDF", what: "a PDF file", mend: "give the table that it shows, as CSV" },
     Refused { magic: b"\xff\xfe\0\0", what: "UTF-32 text, which is not read", mend: "save it as UTF-8" },
-    Refused {
-        magic: b"MATLAB 7.3",
-        what: "a MATLAB 7.3 file (HDF5), which is not read",
-        mend: "save it again in MATLAB: x = load('FILE.mat'); save('FILE_v7.mat', '-struct', 'x', '-v7')",
-    },
-    Refused {
-        magic: b"\x89HDF\r\n\x1a\n",
-        what: "an HDF5 file, which is not read",
-        mend: "write its columns as CSV, or from MATLAB with save(…, '-v7')",
-    },
     Refused {
         magic: b"PAR1",
         what: "a Parquet file, which is not read",
@@ -68,10 +58,13 @@ pub(crate) const MAT5: &[u8] = b"MATLAB 5.0 MAT-file";
 /// The sheet that a file of numbers holds; `None` for text.
 ///
 /// # Errors
-/// A kind that is not read, or a MATLAB file without columns.
+/// A kind that is not read, or a MATLAB or HDF5 file without columns.
 pub(crate) fn sheet(file: &str, bytes: &[u8]) -> Result<Option<Sheet<'static>>, RecordingError> {
     if bytes.starts_with(MAT5) {
         return mat5::sheet(file, bytes).map(Some);
+    }
+    if [hdf5::MATLAB_7_3, hdf5::HDF5].iter().any(|magic| bytes.starts_with(magic)) {
+        return hdf5::sheet(file, bytes).map(Some);
     }
     let start = bytes.get(..bytes.len().min(LOOKED_AT)).unwrap_or_default();
     if !start.is_empty() && start.iter().all(|byte| *byte == 0) {

@@ -2,28 +2,30 @@
 //!
 //! After 128 bytes of text, version and byte order come elements of a type, a length and data, padded to 8 bytes (four-byte
 //! lengths and data in one word where they fit); `-v7` compresses each variable (zlib). A column is a real numeric or logical
-//! vector, a field of a 1×1 structure (`run.p`), or a column of a matrix (`y(:,2)`). Of the lengths that occur the longest is
-//! taken for the rows; what has another length is a setting and no column. (The format is published: MAT-File Format, MathWorks.)
+//! vector, a field of a 1×1 structure (`run.p`), or a column of a matrix (`y(:,2)`). (The format is
+//! published: MAT-File Format, MathWorks.)
 //!
 //! Left out: characters, cells, sparse and complex matrices; objects (tables, timetables, timeseries), which MATLAB stores in a
 //! form that it does not publish.
 
-use model::rig::Decimal;
-
-use super::sheet::{Cells, Sheet, SheetColumn};
+use super::numeric_vectors::{MOST_BYTES, MOST_COLUMNS, NumericVectors, Wording};
+use super::sheet::Sheet;
 use crate::recording::recording_error::RecordingError;
 
 const HEADER: usize = 128;
 const COMPRESSED: u32 = 15;
 const MATRIX: u32 = 14;
-/// A compressed variable may not grow beyond this (bytes): 16 million numbers.
-const MOST_BYTES: usize = 1 << 27;
-/// A matrix wider than this is no set of columns.
-const MOST_COLUMNS: usize = 256;
 /// Classes of arrays.
 const STRUCT: u8 = 2;
 const OBJECTS: [u8; 2] = [3, 17];
 const NUMERIC: std::ops::RangeInclusive<u8> = 6..=15;
+
+/// Words for MATLAB's files, of this level and of 7.3.
+pub(super) const MATLAB: Wording = Wording {
+    kind: "a MATLAB file",
+    vectors: "MATLAB vectors",
+    mend: "write vectors of one length from MATLAB: t = …; u = …; p = …; save('FILE.mat', 't', 'u', 'p', '-v7')",
+};
 
 /// Byte order of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,146 +39,91 @@ enum Order {
 /// # Errors
 /// No vectors, or damaged elements: in one line, with the MATLAB line that helps.
 pub(crate) fn sheet(file: &str, bytes: &[u8]) -> Result<Sheet<'static>, RecordingError> {
-    let broken = |what: &str| RecordingError::Kind {
-        file: file.to_owned(),
-        what: format!("a MATLAB file, {what}"),
-        mend: "write vectors of one length from MATLAB: t = …; u = …; p = …; save('FILE.mat', 't', 'u', 'p', '-v7')"
-            .to_owned(),
-    };
     let order = match bytes.get(126..HEADER) {
         Some(b"IM") => Order::Little,
         Some(b"MI") => Order::Big,
-        _ => return Err(broken("its header is damaged")),
+        _ => return Err(MATLAB.broken(file, "its header is damaged")),
     };
-    let mut gathered = Gathered::default();
+    let mut gathered = NumericVectors::default();
     let mut rest = bytes.get(HEADER..).unwrap_or_default();
     while let Some((kind, data, after)) = element(rest, order) {
         match kind {
             COMPRESSED => {
                 let inflated = miniz_oxide::inflate::decompress_to_vec_zlib_with_limit(data, MOST_BYTES)
-                    .map_err(|_| broken("a compressed variable of it is damaged"))?;
+                    .map_err(|_| MATLAB.broken(file, "a compressed variable of it is damaged"))?;
                 if let Some((MATRIX, data, _)) = element(&inflated, order) {
-                    gathered.matrix(data, order, "");
+                    matrix(&mut gathered, data, order, "");
                 }
             }
-            MATRIX => gathered.matrix(data, order, ""),
+            MATRIX => matrix(&mut gathered, data, order, ""),
             _ => {}
         }
         rest = after;
     }
-    let cut = rest.len() >= 8;
-    let rows = gathered.columns.iter().map(|(_, numbers)| numbers.len()).filter(|rows| *rows > 1).max();
-    let Some(rows) = rows else {
-        let objects = if gathered.objects.is_empty() {
-            String::new()
-        } else {
-            format!(" (it holds objects: {})", gathered.objects.join(", "))
-        };
-        return Err(broken(&format!("without a numeric vector{objects}")));
-    };
-    let mut notes = Vec::new();
-    if !gathered.objects.is_empty() {
-        notes.push(format!(
-            "{file}: {} left out: tables, timetables and other objects cannot be read; save their columns as vectors",
-            gathered.objects.join(", ")
-        ));
+    if rest.len() >= 8 {
+        gathered.remark(format!("{file}: the file is cut short; variables before the cut were read, the one at the cut and all behind it were not"));
     }
-    let others: Vec<String> = gathered
-        .columns
+    gathered.into_sheet(file, &MATLAB)
+}
+
+/// Takes the columns of an array; what cannot be read is left out.
+fn matrix(gathered: &mut NumericVectors, data: &[u8], order: Order, prefix: &str) {
+    let Some((_, flags, rest)) = element(data, order) else { return };
+    let Some((_, dimensions, rest)) = element(rest, order) else { return };
+    let Some((_, name, rest)) = element(rest, order) else { return };
+    // The class is the lowest byte of the first word; bit 11 of it says complex.
+    let Some(word) = flags.first_chunk::<4>().map(|bytes| number_u32(*bytes, order)) else { return };
+    let (class, complex) = (word as u8, word & 0x800 != 0);
+    let name = String::from_utf8_lossy(name).trim_end_matches('\0').to_owned();
+    let name = if prefix.is_empty() { name } else { prefix.to_owned() };
+    if OBJECTS.contains(&class) {
+        gathered.leave_out(name);
+        return;
+    }
+    let sizes: Vec<usize> = dimensions
+        .as_chunks::<4>()
+        .0
         .iter()
-        .filter(|(_, numbers)| numbers.len() > 1 && numbers.len() != rows)
-        .map(|(name, numbers)| format!("{name} has {}", numbers.len()))
+        .map(|bytes| usize::try_from(number_u32(*bytes, order)).unwrap_or(usize::MAX))
         .collect();
-    if !others.is_empty() {
-        notes.push(format!("{file}: vectors of {rows} numbers are the columns; left out: {}", others.join(", ")));
+    if class == STRUCT {
+        structure(gathered, rest, order, &name, &sizes);
+        return;
     }
-    if cut {
-        notes.push(format!("{file}: the file is cut short; variables before the cut were read, the one at the cut and all behind it were not"));
+    if !NUMERIC.contains(&class) || complex {
+        return;
     }
-    let columns = gathered
-        .columns
-        .into_iter()
-        .filter(|(_, numbers)| numbers.len() == rows)
-        .map(|(name, numbers)| SheetColumn { title: name.clone(), name, unit: None, cells: Cells::Numbers(numbers) });
-    Ok(Sheet {
-        file: file.to_owned(),
-        header_line: None,
-        columns: columns.collect(),
-        lines: (1..=rows as u64).collect(),
-        decimal: Decimal::Point,
-        manner: vec![format!("MATLAB vectors of {rows} rows")],
-        notes,
-    })
+    let (Some((kind, real, _)), [rows, columns]) = (element(rest, order), sizes.as_slice()) else { return };
+    let Some(numbers) = numbers(kind, real, order) else { return };
+    if rows.checked_mul(*columns) != Some(numbers.len()) || numbers.is_empty() {
+        return;
+    }
+    if *rows == 1 || *columns == 1 {
+        gathered.take(name, None, numbers);
+    } else if *columns <= MOST_COLUMNS {
+        gathered.take_columns(&name, None, numbers.chunks(*rows).map(<[f64]>::to_vec), |at| format!("(:,{})", at + 1));
+    }
 }
 
-#[derive(Debug, Default)]
-struct Gathered {
-    columns: Vec<(String, Vec<f64>)>,
-    /// Names of what cannot be read.
-    objects: Vec<String>,
-}
-
-impl Gathered {
-    /// Takes the columns of an array; what cannot be read is left out.
-    fn matrix(&mut self, data: &[u8], order: Order, prefix: &str) {
-        let Some((_, flags, rest)) = element(data, order) else { return };
-        let Some((_, dimensions, rest)) = element(rest, order) else { return };
-        let Some((_, name, rest)) = element(rest, order) else { return };
-        // The class is the lowest byte of the first word; bit 11 of it says complex.
-        let Some(word) = flags.first_chunk::<4>().map(|bytes| number_u32(*bytes, order)) else { return };
-        let (class, complex) = (word as u8, word & 0x800 != 0);
-        let name = String::from_utf8_lossy(name).trim_end_matches('\0').to_owned();
-        let name = if prefix.is_empty() { name } else { prefix.to_owned() };
-        if OBJECTS.contains(&class) {
-            self.objects.push(name);
-            return;
-        }
-        let sizes: Vec<usize> = dimensions
-            .as_chunks::<4>()
-            .0
-            .iter()
-            .map(|bytes| usize::try_from(number_u32(*bytes, order)).unwrap_or(usize::MAX))
-            .collect();
-        if class == STRUCT {
-            self.structure(rest, order, &name, &sizes);
-            return;
-        }
-        if !NUMERIC.contains(&class) || complex {
-            return;
-        }
-        let (Some((kind, real, _)), [rows, columns]) = (element(rest, order), sizes.as_slice()) else { return };
-        let Some(numbers) = numbers(kind, real, order) else { return };
-        if rows.checked_mul(*columns) != Some(numbers.len()) || numbers.is_empty() {
-            return;
-        }
-        if *rows == 1 || *columns == 1 {
-            self.columns.push((name, numbers));
-        } else if *columns <= MOST_COLUMNS {
-            let of = numbers.chunks(*rows).enumerate();
-            self.columns.extend(of.map(|(at, column)| (format!("{name}(:,{})", at + 1), column.to_vec())));
-        }
+/// Takes the fields of a 1×1 structure.
+fn structure(gathered: &mut NumericVectors, rest: &[u8], order: Order, name: &str, sizes: &[usize]) {
+    if sizes.iter().any(|size| *size != 1) {
+        return;
     }
-
-    /// Takes the fields of a 1×1 structure.
-    fn structure(&mut self, rest: &[u8], order: Order, name: &str, sizes: &[usize]) {
-        if sizes.iter().any(|size| *size != 1) {
-            return;
+    let Some((_, length, rest)) = element(rest, order) else { return };
+    let Some((_, names, mut rest)) = element(rest, order) else { return };
+    let Some(length) = length.first_chunk::<4>().map(|bytes| number_u32(*bytes, order) as usize) else { return };
+    if length == 0 {
+        return;
+    }
+    for field in names.chunks(length) {
+        let end = field.iter().position(|byte| *byte == 0).unwrap_or(field.len());
+        let field = String::from_utf8_lossy(field.get(..end).unwrap_or_default()).into_owned();
+        let Some((kind, data, after)) = element(rest, order) else { return };
+        if kind == MATRIX {
+            matrix(gathered, data, order, &format!("{name}.{field}"));
         }
-        let Some((_, length, rest)) = element(rest, order) else { return };
-        let Some((_, names, mut rest)) = element(rest, order) else { return };
-        let Some(length) = length.first_chunk::<4>().map(|bytes| number_u32(*bytes, order) as usize) else { return };
-        if length == 0 {
-            return;
-        }
-        for field in names.chunks(length) {
-            let end = field.iter().position(|byte| *byte == 0).unwrap_or(field.len());
-            let field = String::from_utf8_lossy(field.get(..end).unwrap_or_default()).into_owned();
-            let Some((kind, data, after)) = element(rest, order) else { return };
-            if kind == MATRIX {
-                self.matrix(data, order, &format!("{name}.{field}"));
-            }
-            rest = after;
-        }
+        rest = after;
     }
 }
 
@@ -227,6 +174,7 @@ fn numbers(kind: u32, data: &[u8], order: Order) -> Option<Vec<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recording::logger_file::sheet::{Cells, SheetColumn};
 
     fn padded(kind: u32, data: &[u8]) -> Vec<u8> {
         let mut bytes = [kind.to_le_bytes(), (data.len() as u32).to_le_bytes()].concat();

@@ -1,6 +1,7 @@
-//! Files of loggers, LabVIEW and MATLAB, each to a [`sheet`] of named columns.
+//! Files of loggers, LabVIEW, MATLAB and HDF5, each to a [`sheet`] of named columns.
 
 pub(crate) mod file_kind;
+pub(crate) mod hdf5;
 pub(crate) mod labview;
 pub(crate) mod labview_channels;
 pub(crate) mod labview_segments;
@@ -8,6 +9,7 @@ pub(crate) mod labview_units;
 pub(crate) mod logger_text;
 pub(crate) mod long_format;
 pub(crate) mod mat5;
+pub(crate) mod numeric_vectors;
 pub(crate) mod own_clocks;
 pub(crate) mod remarks;
 pub(crate) mod row_names;

@@ -28,7 +28,7 @@ const GAP_STEPS: f64 = 2.5;
 const BRIDGED_S: f64 = 0.1;
 /// Samples further apart than this many rows leave rows between them that nobody measured.
 const SPARSE_ROWS: f64 = 1.5;
-/// That distance in s.
+/// Distance of sparse samples in s.
 pub(crate) const SPARSE_S: f64 = SPARSE_ROWS * PERIOD_S;
 /// A row between two neighbouring samples closer than this many rows was measured.
 const NEIGHBOURS_ROWS: f64 = 1.75;

@@ -27,7 +27,7 @@ pub(super) enum Said {
     Unit(f64),
     /// The map names the column, which is in s then.
     Column,
-    /// Nobody.
+    /// Neither says one.
     Nothing,
 }
 
