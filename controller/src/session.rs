@@ -31,7 +31,7 @@ use crate::operator::mailbox::{Request, Spent, Status, TickMailbox};
 use crate::operator::notice::Notice;
 use crate::session::attribution::StolenTime;
 use crate::session::link::{Link, LinkError, LookUp};
-use crate::session::run_length::RunLength;
+use crate::session::run_length::{Armed, RunEnd, RunLength};
 use crate::session::session_loop::{Counts, Ending, one_session};
 
 /// Pauses between attempts to connect, the last for ever after.
@@ -69,16 +69,22 @@ pub struct Session<H> {
     pub status: Status,
 }
 
-/// Runs until told to stop, or the run is over, and hands the cycle back.
+/// Runs until told to stop, or the run is over, and hands the cycle back with the end that the run came to.
 ///
 /// # Errors
 /// With a duty source of one session: there is no link.
 ///
 /// # Real-time
 /// This is the real-time thread. Between sessions it waits, allocates and speaks; within one it does not.
-pub fn run_session<H: DutySource>(mut session: Session<H>) -> Result<Cycle<H>, LinkError> {
+pub fn run_session<H: DutySource>(mut session: Session<H>) -> Result<(Cycle<H>, RunEnd), LinkError> {
     session.pulse.begin();
-    let rights = Rights::of(make_realtime(&session.config.realtime), session.memory.clone(), &session.config);
+    let refused = match session.config.link.pacing {
+        Pacing::Realtime => make_realtime(&session.config.realtime),
+        // The cRIO waits for every answer, so nothing is late; and a thread that never waits, with the priority of another daemon's
+        // tick, would keep that from its CPU for as long as it liked.
+        Pacing::Lockstep => Vec::new(),
+    };
+    let rights = Rights::of(refused, session.memory.clone(), &session.config);
     for refused in rights.lines() {
         (session.say)(refused.clone());
     }
@@ -125,7 +131,8 @@ pub fn run_session<H: DutySource>(mut session: Session<H>) -> Result<Cycle<H>, L
     }
     // Also where no session was open to be ended; where one was, this changes nothing.
     session.cycle.stop(&mut |_| ());
-    Ok(session.cycle)
+    let end = session.length.end(now_ns());
+    Ok((session.cycle, end))
 }
 
 /// Addresses of the cRIO. Requests are taken while its name is looked up; `None` where the run is over before that is.
@@ -265,6 +272,6 @@ pub(crate) fn tell(sink: &mut RecordSink, notice: Notice) {
 }
 
 /// Tells whether a state counts as under control, for how long a run lasts.
-pub(crate) fn is_armed(state: State) -> crate::session::run_length::Armed {
-    if state.is_controlling() { crate::session::run_length::Armed::Yes } else { crate::session::run_length::Armed::No }
+pub(crate) fn is_armed(state: State) -> Armed {
+    if state.is_controlling() { Armed::Yes } else { Armed::No }
 }

@@ -1,10 +1,24 @@
-//! Threads of this process as the kernel sees them: their names, their page faults.
+//! Threads as the kernel sees them: their names, their page faults, how they are scheduled.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Numbers of the threads that have this name.
 pub fn tasks_named(name: &str) -> Vec<i32> {
-    let entries = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
+    tasks_in(Path::new("/proc/self/task"), name)
+}
+
+/// Number of the kernel for how the thread with this name is scheduled, of another process: 0 for an ordinary thread, 1 for
+/// SCHED_FIFO. None where there is no such thread.
+pub fn scheduling_policy(process: u32, name: &str) -> Option<u64> {
+    let threads = PathBuf::from(format!("/proc/{process}/task"));
+    let task = *tasks_in(&threads, name).first()?;
+    let stat = std::fs::read_to_string(threads.join(format!("{task}/stat"))).ok()?;
+    // Field 41 of proc_pid_stat(5); the state behind the name is the third.
+    stat.rsplit_once(')')?.1.split_whitespace().nth(38)?.parse().ok()
+}
+
+fn tasks_in(threads: &Path, name: &str) -> Vec<i32> {
+    let entries = std::fs::read_dir(threads).into_iter().flatten().flatten();
     let numbered = |path: PathBuf| {
         let named = std::fs::read_to_string(path.join("comm")).is_ok_and(|comm| comm.trim() == name);
         path.file_name()?.to_str()?.parse().ok().filter(|_| named)

@@ -16,7 +16,7 @@ use controller::machine::signals::Signals;
 use controller::operator::console::progress;
 use controller::operator::notice::fault_name;
 use controller::replay::run_file::attached;
-use controller::session::run_length::{Begins, RunClock, RunLength};
+use controller::session::run_length::{Begins, RunClock, RunEnd, RunLength};
 use controller::session::session_recorder::attachment;
 use controller::state::State;
 use controller::yardstick::{self, Trial};
@@ -32,8 +32,10 @@ use proto::recording::{Attachment, read_mcap};
 use super::Failure;
 use super::console::say;
 
-/// The emulated cRIO runs above the tick's priority of 80: hardware is never late.
-const CRIO_PRIORITY: u8 = 85;
+/// SCHED_FIFO priority of a demo's tick: above every ordinary program, and below the tick of a daemon that runs a rig on the same machine.
+const TICK_PRIORITY: u8 = 20;
+/// That of the emulated cRIO, above the tick: hardware is never late.
+const CRIO_PRIORITY: u8 = 25;
 /// Ticks between two live lines: one second.
 const LIVE_TICKS: u64 = 50;
 
@@ -91,6 +93,7 @@ impl Demo {
         config.rig.file.clone_from(&self.model);
         config.control.auto_arm = true;
         config.realtime.enforce = false;
+        config.realtime.priority = TICK_PRIORITY;
         config.policy.active = FALLBACK.to_owned();
         config.reference.file.clone_from(&self.reference);
         let mut loaded = daemon::load(&config)?;
@@ -129,14 +132,22 @@ impl Demo {
             observer: watcher(Arc::clone(&figures), self.json),
             stop,
         };
-        let recorded = daemon::run(&config, loaded, options)?;
+        let flown = daemon::run(&config, loaded, options)?;
         emulator.stop();
         emulator.join().map_err(Failure::work)?;
         let statistics = StatisticsOptions { yardstick, ..statistics };
-        let report = self.report(&recorded.path, statistics)?;
+        let report = self.report(&flown.recording.path, statistics)?;
         let mut figures = figures.lock().unwrap_or_else(PoisonError::into_inner);
         figures.judge_by(yardstick);
-        self.say_results(&figures.summary(), &recorded.path, &report)
+        let summary = figures.summary();
+        self.say_results(&summary, &flown.recording.path, &report)?;
+        match (flown.end, summary.verdict, summary.findings.first()) {
+            (RunEnd::Before, ..) => Err(Failure::stopped_run(self.seconds)),
+            (RunEnd::Whole, Verdict::Bad, Some(worst)) => {
+                Err(Failure::not_good(format!("the run was not good: {worst}")))
+            }
+            (RunEnd::Whole, ..) => Ok(()),
+        }
     }
 
     /// Makes the folder, takes an older recording out of it, and says where the new one goes.
@@ -193,7 +204,9 @@ impl Demo {
         let pace = if self.fast { Pace::LOCKSTEP } else { Pace::RealTime };
         let config = EmulatorConfig { crio, pace, seed: self.seed, faults, ..EmulatorConfig::default() };
         let start = move || Emulator::bind("127.0.0.1:0", config, Box::new(behind)).and_then(Emulator::start);
-        match with_priority(CRIO_PRIORITY, start) {
+        // In lockstep nothing is late.
+        let started = if self.fast { Ok(start()) } else { with_priority(CRIO_PRIORITY, start) };
+        match started {
             Ok(started) => started.map_err(Failure::work),
             Err(_) => Err(Failure::work("the emulated cRIO could not be started")),
         }
@@ -238,7 +251,6 @@ impl Demo {
         Ok(path)
     }
 
-    /// The last words, and the exit status: a run that is not good is work that was done and came to nothing.
     fn say_results(&self, summary: &FlightSummary, recording: &Path, report: &Path) -> Result<(), Failure> {
         if self.json {
             let mut object = serde_json::to_value(summary).map_err(Failure::work)?;
@@ -249,10 +261,7 @@ impl Demo {
             say(format_args!("\n{}", summary.table()));
             say(format_args!("recording  {}\nreport     {}", recording.display(), report.display()));
         }
-        match (summary.verdict, summary.findings.first()) {
-            (Verdict::Bad, Some(worst)) => Err(Failure::work(format!("the run was not good: {worst}"))),
-            _ => Ok(()),
-        }
+        Ok(())
     }
 }
 

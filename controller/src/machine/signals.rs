@@ -14,9 +14,10 @@
 //! is handled there.
 
 use std::io;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
+use proto::first_signal::FirstSignal;
 use rustix::process::Signal;
 use signal_hook::consts::{
     SIGALRM, SIGHUP, SIGINT, SIGIO, SIGPIPE, SIGPROF, SIGQUIT, SIGTERM, SIGTSTP, SIGTTIN, SIGTTOU, SIGUSR1, SIGUSR2,
@@ -43,12 +44,8 @@ const TOLD: [(i32, &str); 11] = [
 /// Signals that do nothing, because the write that caused them fails by itself.
 const SILENT: [i32; 2] = [SIGXFSZ, SIGPIPE];
 
-/// Number of the last signal that ends a run, 0 before; empty before handlers are installed.
-static ORDERED_TO_STOP: OnceLock<Arc<AtomicUsize>> = OnceLock::new();
-/// Number of the first one, noted at the first look after it came; 0 before.
-static FIRST_ORDER: AtomicUsize = AtomicUsize::new(0);
-/// Exit status of a program that a signal ended, less the signal's number.
-const BY_SIGNAL: u8 = 128;
+/// First signal that ends a run; empty before handlers are installed.
+static ORDERED_TO_STOP: OnceLock<FirstSignal> = OnceLock::new();
 
 /// Signals that came since they are held; taken over by what is installed.
 static HELD: Mutex<Option<Pending>> = Mutex::new(None);
@@ -78,16 +75,9 @@ pub fn ordered_to_stop() -> bool {
     stopped_status().is_some()
 }
 
-/// Exit status of work that was stopped before it was done, where a signal asked this process to end: 128 and the number of the first
-/// such signal, as shells have it.
+/// Exit status of work that was stopped before it was done, where a signal asked this process to end.
 pub fn stopped_status() -> Option<u8> {
-    let last = ORDERED_TO_STOP.get()?.load(Ordering::Relaxed);
-    if last == 0 {
-        return None;
-    }
-    let noted = FIRST_ORDER.compare_exchange(0, last, Ordering::Relaxed, Ordering::Relaxed);
-    let first = noted.map_or_else(|first| first, |_| last);
-    Some(BY_SIGNAL.saturating_add(u8::try_from(first).unwrap_or_default()))
+    ORDERED_TO_STOP.get()?.exit_status()
 }
 
 /// Order that a signal stands for.
@@ -112,12 +102,12 @@ impl Signals {
     /// # Errors
     /// If the system refuses a handler.
     pub fn install(stop: &Arc<AtomicBool>) -> io::Result<Self> {
-        let ordered = ORDERED_TO_STOP.get_or_init(Arc::default);
+        let ordered = ORDERED_TO_STOP.get_or_init(FirstSignal::default);
         for signal in STOPS {
             signal_hook::flag::register(signal, Arc::clone(stop))?;
             signal_hook::flag::register_usize(
                 signal,
-                Arc::clone(ordered),
+                Arc::clone(ordered.newest()),
                 usize::try_from(signal).unwrap_or_default(),
             )?;
         }

@@ -16,7 +16,7 @@ use supervisor::{ConditionSet, Memory};
 use crate::config::{Config, Pacing};
 use crate::daemon::{self, DaemonError, Loaded, Options};
 use crate::session::pacing::COMMAND_DEADLINE_NS;
-use crate::session::run_length::{Begins, RunClock, RunLength};
+use crate::session::run_length::{Begins, RunClock, RunEnd, RunLength};
 use crate::state::{Condition, State};
 
 /// Length of the trial, in s of the plant's time: a thousand ticks, so that the slowest in a thousand is among them.
@@ -34,6 +34,9 @@ pub enum TrialError {
     /// The daemon does not.
     #[error(transparent)]
     Daemon(#[from] DaemonError),
+    /// A signal ended it.
+    #[error("stopped before the {SECONDS} s on the simulated rig were over")]
+    Stopped,
 }
 
 /// Findings of a trial.
@@ -106,7 +109,9 @@ impl TickTrial {
         }
         emulator.stop();
         let _ = emulator.join();
-        ended?;
+        if ended?.end == RunEnd::Before {
+            return Err(TrialError::Stopped);
+        }
         let seen = seen.lock().unwrap_or_else(PoisonError::into_inner);
         Ok(seen.trial())
     }

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::RtTest;
+use super::rivals::Rival;
 
 /// Lateness from which something is wrong, in µs: a tick of 4 ms then still leaves 9 of its 14 ms. Chosen.
 const LATE_US: f64 = 1_000.0;
@@ -41,6 +42,7 @@ pub fn findings(test: &RtTest) -> Vec<Finding> {
     found.extend(throttled(test));
     found.extend(shared(test, late));
     if late {
+        found.extend(rivals(test));
         found.extend(kernel(test));
         found.extend(clocks(test));
     }
@@ -125,6 +127,19 @@ fn shared(test: &RtTest, late: bool) -> Vec<Finding> {
     found
 }
 
+/// Threads that keep the CPU from the tick for as long as they like.
+fn rivals(test: &RtTest) -> impl Iterator<Item = Finding> {
+    test.machine.rivals.iter().map(|rival| {
+        let Rival { name, thread, priority } = rival;
+        let priority = priority.map_or("a deadline".to_owned(), |priority| format!("real-time priority {priority}"));
+        finding(
+            Weight::Suspect,
+            format!("the thread {name} ({thread}) of another program has {priority} and may use CPU {}", test.cpu),
+            format!("chrt --fifo --pid 10 {thread}, or give it another CPU: taskset -pc CPU {thread}"),
+        )
+    })
+}
+
 fn kernel(test: &RtTest) -> Option<Finding> {
     let now = test.machine.preemption.as_deref()?;
     match now {
@@ -203,6 +218,7 @@ mod tests {
 
     #[test]
     fn each_cause_has_its_line() {
+        let other = Rival { name: "tick".to_owned(), thread: 4711, priority: Some(80) };
         let with = |change: &dyn Fn(&mut RtTest)| {
             let mut test = test(8_000);
             change(&mut test);
@@ -220,6 +236,7 @@ mod tests {
             (with(&|t| t.loaded.stolen = 0.03), "3.0 % of CPU 1"),
             (with(&|t| t.machine.isolated = String::new()), "isolcpus=1"),
             (with(&|t| t.machine.cpus = 1), "second CPU"),
+            (with(&|t| t.machine.rivals = vec![other.clone()]), "chrt --fifo --pid 10 4711"),
             (
                 with(&|t| {
                     t.refused =

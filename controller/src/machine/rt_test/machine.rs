@@ -6,6 +6,8 @@ use proto::regular_file;
 use rustix::process::{Resource, getrlimit};
 use serde::Serialize;
 
+use super::rivals::{Rival, rivals};
+
 /// The largest file of the kernel's that is read, in bytes.
 const MOST_BYTES: u64 = 1 << 20;
 
@@ -38,12 +40,14 @@ pub struct Machine {
     pub cpus: usize,
     /// CPUs kept free of other programs, as the kernel writes them.
     pub isolated: String,
+    /// Threads of other programs that run before the tick.
+    pub rivals: Vec<Rival>,
 }
 
 impl Machine {
-    /// Looks at this machine; `cpu` is the tick's.
-    pub fn look(cpu: usize) -> Self {
-        Self::look_in(Path::new("/"), cpu)
+    /// Looks at this machine; CPU and priority are the tick's.
+    pub fn look(cpu: usize, priority: u8) -> Self {
+        Machine { rivals: rivals(cpu, priority), ..Self::look_in(Path::new("/"), cpu) }
     }
 
     /// Looks below `root`, which holds copies of the kernel's files.
@@ -69,6 +73,7 @@ impl Machine {
             virtual_machine: text("proc/cpuinfo").is_some_and(|t| t.split_whitespace().any(|w| w == "hypervisor")),
             cpus: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
             isolated: text("sys/devices/system/cpu/isolated").unwrap_or_default(),
+            rivals: Vec::new(),
         }
     }
 }
@@ -170,7 +175,7 @@ mod tests {
 
     #[test]
     fn this_machine_can_be_looked_at() {
-        let machine = Machine::look(0);
+        let machine = Machine::look(0, 80);
         assert!(machine.cpus >= 1 && !machine.kernel.is_empty(), "{machine:?}");
     }
 }

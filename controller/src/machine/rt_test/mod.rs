@@ -9,6 +9,7 @@
 //! | [`lateness`] | counts and percentiles |
 //! | `probe`, `load` | the threads |
 //! | [`machine`] | what `/proc` and `/sys` say |
+//! | [`rivals`] | threads that run before the tick |
 //! | [`finding`] | what is at fault, and the line that changes it |
 
 pub mod finding;
@@ -16,6 +17,7 @@ pub mod lateness;
 mod load;
 pub mod machine;
 mod probe;
+pub mod rivals;
 
 use std::time::Duration;
 
@@ -67,13 +69,18 @@ impl RtTest {
     /// If no thread can be started.
     pub fn run(settings: &Realtime, seconds: f64, stop: &dyn Fn() -> bool) -> std::io::Result<Self> {
         let cpu = tick_cpu(settings);
-        let machine = Machine::look(cpu);
+        let machine = Machine::look(cpu, settings.priority);
         let mut refused: Vec<String> = lock_memory().refusal().into_iter().collect();
         let quiet = phase(settings, cpu, 0.5 * seconds, stop, &mut Vec::new())?;
         let load = Load::start(machine.cpus);
         let loaded = phase(settings, cpu, 0.5 * seconds, stop, &mut refused);
         load.end();
         Ok(RtTest { cpu, quiet, loaded: loaded?, refused, machine })
+    }
+
+    /// Time that was measured, in both halves (s): less than was asked for where it was stopped.
+    pub fn seconds(&self) -> f64 {
+        self.quiet.seconds + self.loaded.seconds
     }
 
     /// Wakes that would have been a frame given up.
