@@ -95,22 +95,16 @@ fn origins(runs: &[Laid<'_>]) -> Table {
     table
 }
 
-/// A short stroke for each run, both channels beside each other.
+/// Tracking error of each run, both channels beside each other.
 fn rmse(runs: &[Laid<'_>]) -> Plot {
-    let mut panel = Panel::new("RMSE (kPa)").height(150.0).include(0.0);
-    type Of = fn(&FlightSummary) -> Option<f64>;
-    let channels: [(&str, Of, f64, Color); 2] =
-        [("positive", |s| s.rmse_pos_kpa, -0.3, Color::Blue), ("negative", |s| s.rmse_neg_kpa, 0.05, Color::Vermilion)];
-    for (name, of, from, color) in channels {
-        let (mut x, mut y) = (Vec::new(), Vec::new());
-        for (index, run) in runs.iter().enumerate() {
-            let at = index as f64 + 1.0 + from;
-            let kpa = of(&run.summary).unwrap_or(f64::NAN);
-            x.extend([at, at + 0.25, at + 0.25]);
-            y.extend([kpa, kpa, f64::NAN]);
-        }
-        panel = panel.line(Line::new(name, &x, &y).color(color).width(6.0));
-    }
+    let kpa = |of: fn(&FlightSummary) -> Option<f64>| -> Vec<f64> {
+        runs.iter().map(|run| of(&run.summary).unwrap_or(f64::NAN)).collect()
+    };
+    let [positive, negative] = [kpa(|s| s.rmse_pos_kpa), kpa(|s| s.rmse_neg_kpa)];
+    let panel = Panel::new("RMSE (kPa)")
+        .height(150.0)
+        .include(0.0)
+        .at_names(&[("positive", &positive, Color::Blue), ("negative", &negative, Color::Vermilion)]);
     Plot::new("Tracking error of each run", "run").x_names(runs.iter().map(|run| run.run.name)).panel(panel)
 }
 

@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use crate::axis::with_minus;
 use crate::color::dark_rules;
 use crate::interactive::scripts;
 use crate::markup::escape;
@@ -58,10 +59,16 @@ impl KeyFigure {
         format!(
             "<div class=\"figure{class}\"><div class=\"label\">{}</div><div class=\"value\">{sign}{}</div><div class=\"note\">{}</div></div>",
             escape(&self.label),
-            escape(&self.value),
+            escape(&numbers_with_minus(&self.value)),
             escape(&self.note)
         )
     }
+}
+
+/// A text whose negative numbers have a true minus; words keep their hyphens.
+fn numbers_with_minus(text: &str) -> String {
+    let word = |word: &str| if word.parse::<f64>().is_ok() { with_minus(word) } else { word.to_owned() };
+    text.split(' ').map(word).collect::<Vec<_>>().join(" ")
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -221,5 +228,16 @@ impl Part {
                 format!("<details><summary>{}</summary><pre>{}</pre></details>", escape(name), escape(text))
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_figures_numbers_have_a_true_minus_and_its_words_keep_their_hyphens() {
+        let html = KeyFigure::new("worst", "126.4 / -80.8 kPa, re-fitted").to_html();
+        assert!(html.contains(">126.4 / \u{2212}80.8 kPa, re-fitted<"), "{html}");
     }
 }

@@ -9,6 +9,8 @@ use crate::axis::Axis;
 use crate::decimate::decimate;
 use crate::legend::{self, FONT, Styled, text_width};
 use crate::markup::{coordinate, escape};
+use crate::names::Names;
+use crate::path::{Path, parts};
 use crate::plot::{Panel, Plot};
 use crate::series::{Band, Line, Series};
 
@@ -29,11 +31,16 @@ const DOT: f64 = 4.4;
 /// Columns that a line is thinned out to: one per pixel of the axes.
 const COLUMNS: usize = (RIGHT - LEFT) as usize;
 
+/// Words in a panel whose series have no number that can be drawn.
+pub(crate) const NO_VALUES: &str = "no values";
+
 /// A panel with its place in the picture.
 struct Placed<'a> {
     panel: &'a Panel,
     series: Vec<Styled<'a>>,
     legend: Vec<Vec<(usize, f64)>>,
+    /// Each series' name as the legend has it.
+    names: Vec<String>,
     legend_below_label: bool,
     head: f64,
     top: f64,
@@ -52,7 +59,7 @@ pub(crate) fn svg(plot: &Plot, name: &str) -> String {
         at = panel.bottom + GAP;
         placed.push(panel);
     }
-    let names = Names::of(&plot.x_names);
+    let names = Names::of(&plot.x_names, RIGHT - LEFT);
     let height = at - GAP + FOOT + names.extra_height;
     let mut out = String::new();
     // Writing to a String cannot fail.
@@ -76,32 +83,18 @@ pub(crate) fn svg(plot: &Plot, name: &str) -> String {
     out
 }
 
-/// Names along the x axis.
-struct Names<'a> {
-    names: &'a [String],
-    /// True where they stand upright because they do not fit beside each other.
-    upright: bool,
-    /// Room that they need below the axis beside that of numbers (pixels).
-    extra_height: f64,
-}
-
-impl<'a> Names<'a> {
-    fn of(names: &'a [String]) -> Self {
-        let longest = names.iter().map(|name| text_width(name)).fold(0.0, f64::max);
-        let upright = longest > (RIGHT - LEFT) / names.len().max(1) as f64 - 6.0;
-        Self { names, upright, extra_height: if upright { longest } else { 0.0 } }
-    }
-}
-
 fn place(panel: &Panel, x: Axis, head: f64) -> Placed<'_> {
     let series = legend::styled(&panel.series);
     // The legend stands beside the label when one row of it fits there, else below it.
-    let beside = legend::layout(&series, LEFT + text_width(&panel.y_label) + 40.0, RIGHT);
+    let names = legend::names(&series, RIGHT - LEFT);
+    let layout = |from: f64| legend::layout(&series, &names, from, RIGHT);
+    let beside = layout(LEFT + text_width(&panel.y_label) + 40.0);
     let legend_below_label = beside.len() > 1;
-    let legend = if legend_below_label { legend::layout(&series, LEFT, RIGHT) } else { beside };
+    let legend = if legend_below_label { layout(LEFT) } else { beside };
     let rows = if legend_below_label { 1 + legend.len() } else { 1 };
     let top = head + rows as f64 * ROW + 4.0;
-    Placed { panel, series, legend, legend_below_label, head, top, bottom: top + panel.height, x, y: panel.y_axis() }
+    let bottom = top + panel.height;
+    Placed { panel, series, legend, names, legend_below_label, head, top, bottom, x, y: panel.y_axis() }
 }
 
 impl Placed<'_> {
@@ -120,7 +113,7 @@ fn bounded(place: f64) -> f64 {
 }
 
 /// Draws a panel; the last one, which carries the x axis' marks, is given the names on it.
-fn draw_panel(out: &mut String, panel: &Placed<'_>, id: &str, names: Option<&Names<'_>>) {
+fn draw_panel(out: &mut String, panel: &Placed<'_>, id: &str, names: Option<&Names>) {
     let (top, bottom) = (coordinate(panel.top), coordinate(panel.bottom));
     let (left, right) = (coordinate(LEFT), coordinate(RIGHT));
     let label_y = coordinate(panel.head + ROW - 6.0);
@@ -129,8 +122,8 @@ fn draw_panel(out: &mut String, panel: &Placed<'_>, id: &str, names: Option<&Nam
     for (row, entries) in panel.legend.iter().enumerate() {
         let down = row + usize::from(panel.legend_below_label);
         for (index, x) in entries {
-            if let Some(styled) = panel.series.get(*index) {
-                legend::entry(out, styled, *x, panel.head + ROW * (down + 1) as f64 - 6.0);
+            if let (Some(styled), Some(name)) = (panel.series.get(*index), panel.names.get(*index)) {
+                legend::entry(out, styled, name, *x, panel.head + ROW * (down + 1) as f64 - 6.0);
             }
         }
     }
@@ -153,6 +146,10 @@ fn draw_panel(out: &mut String, panel: &Placed<'_>, id: &str, names: Option<&Nam
         }
     }
     out.push_str("</g>");
+    if panel.panel.is_empty() {
+        let (x, y) = (coordinate((LEFT + RIGHT) / 2.0), coordinate((panel.top + panel.bottom) / 2.0));
+        let _ = write!(out, "<text x=\"{x}\" y=\"{y}\" text-anchor=\"middle\" fill=\"#57606a\">{NO_VALUES}</text>");
+    }
     let _ =
         write!(out, "<path d=\"M{left} {top}V{bottom}H{right}\" fill=\"none\" stroke=\"#57606a\" stroke-width=\"1\"/>");
     labels_in_place(out, panel);
@@ -166,7 +163,7 @@ fn layer_of(series: &Series) -> usize {
     }
 }
 
-fn grid(out: &mut String, panel: &Placed<'_>, names: Option<&Names<'_>>) {
+fn grid(out: &mut String, panel: &Placed<'_>, names: Option<&Names>) {
     let y_ticks = panel.y.ticks(((panel.panel.height / 26.0) as usize).clamp(3, 9));
     let mut path = String::new();
     for tick in &y_ticks {
@@ -180,16 +177,19 @@ fn grid(out: &mut String, panel: &Placed<'_>, names: Option<&Names<'_>>) {
             tick.label
         );
     }
-    if let Some(names) = names.filter(|names| !names.names.is_empty()) {
+    if let Some(names) = names.filter(|names| !names.is_empty()) {
         named_ticks(out, panel, names);
     }
     for tick in panel.x.ticks(13) {
         let x = coordinate(panel.px(tick.value));
         let _ = write!(path, "M{x} {}V{}", coordinate(panel.top), coordinate(panel.bottom));
-        if names.is_some_and(|names| names.names.is_empty()) {
+        if names.is_some_and(Names::is_empty) {
+            // A long number at the end of the axis would be cut off by the picture's edge.
+            let most = WIDTH - 0.6 * text_width(&tick.label) - 1.0;
             let _ = write!(
                 out,
-                "<text x=\"{x}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
+                "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
+                coordinate(panel.px(tick.value).min(most)),
                 coordinate(panel.bottom + FONT + 5.0),
                 tick.label
             );
@@ -199,8 +199,8 @@ fn grid(out: &mut String, panel: &Placed<'_>, names: Option<&Names<'_>>) {
 }
 
 /// Names below the x axis: beside each other where there is room, else upright.
-fn named_ticks(out: &mut String, panel: &Placed<'_>, names: &Names<'_>) {
-    for (index, name) in names.names.iter().enumerate() {
+fn named_ticks(out: &mut String, panel: &Placed<'_>, names: &Names) {
+    for (index, name) in names.shown.iter().enumerate() {
         let (x, text) = (panel.px(index as f64 + 1.0), escape(name));
         let _ = if names.upright {
             let (x, y) = (coordinate(x + FONT * 0.35), coordinate(panel.bottom + 8.0));
@@ -222,10 +222,17 @@ fn draw_series(out: &mut String, panel: &Placed<'_>, styled: &Styled<'_>) {
         Series::Line(line) => {
             // A tenth of the scale, so ten times the width and the dash.
             let dash = if dashed { " stroke-dasharray=\"60 40\"" } else { "" };
+            let (path, lone) = line_path(panel, line);
+            if !lone.is_empty() {
+                let width = coordinate(10.0 * line.width.max(DOT));
+                let _ = write!(
+                    out,
+                    "<path transform=\"scale(.1)\" d=\"{lone}\" fill=\"none\" stroke=\"{color}\" stroke-width=\"{width}\" stroke-linecap=\"round\"/>"
+                );
+            }
             write!(
                 out,
-                "<path transform=\"scale(.1)\" d=\"{}\" fill=\"none\" stroke=\"{color}\" stroke-width=\"{}\" stroke-linejoin=\"round\" stroke-linecap=\"round\"{dash}>{title}</path>",
-                line_path(panel, line),
+                "<path transform=\"scale(.1)\" d=\"{path}\" fill=\"none\" stroke=\"{color}\" stroke-width=\"{}\" stroke-linejoin=\"round\" stroke-linecap=\"round\"{dash}>{title}</path>",
                 coordinate(line.width * 10.0)
             )
         }
@@ -339,8 +346,9 @@ fn labels_in_place(out: &mut String, panel: &Placed<'_>) {
     }
 }
 
-fn line_path(panel: &Placed<'_>, line: &Line) -> String {
-    let mut path = Path::default();
+/// A line's path, and that of its points without a neighbour, which are dots: as thin as the line nobody would see them.
+fn line_path(panel: &Placed<'_>, line: &Line) -> (String, String) {
+    let (mut path, mut lone) = (Path::default(), Path::default());
     for part in parts(&line.x, |index| line.y.get(index).is_some_and(|y| y.is_finite())) {
         let (Some(x), Some(y)) = (line.x.get(part.clone()), line.y.get(part)) else { continue };
         let kept = thinned(x, y);
@@ -357,11 +365,13 @@ fn line_path(panel: &Placed<'_>, line: &Line) -> String {
             }
             before = Some(y);
         }
-        if kept.len() == 1 {
+        if let ([x], [y]) = (x, y) {
             path.dot();
+            lone.jump(panel.px(*x), panel.py(*y));
+            lone.dot();
         }
     }
-    path.text
+    (path.text, lone.text)
 }
 
 fn band_path(panel: &Placed<'_>, band: &Band) -> String {
@@ -386,62 +396,6 @@ fn band_path(panel: &Placed<'_>, band: &Band) -> String {
     path.text
 }
 
-/// Runs of points without a hole; `sound` says whether the y of an index can be drawn.
-pub(crate) fn parts(x: &[f64], sound: impl Fn(usize) -> bool) -> Vec<std::ops::Range<usize>> {
-    let mut parts = Vec::new();
-    let mut start = None;
-    for (index, value) in x.iter().enumerate() {
-        match (value.is_finite() && sound(index), start) {
-            (true, None) => start = Some(index),
-            (false, Some(from)) => {
-                parts.push(from..index);
-                start = None;
-            }
-            _ => {}
-        }
-    }
-    if let Some(from) = start {
-        parts.push(from..x.len());
-    }
-    parts
-}
-
 fn thinned(x: &[f64], y: &[f64]) -> Vec<usize> {
     if x.is_sorted() { decimate(x, y, COLUMNS) } else { (0..x.len()).collect() }
-}
-
-/// An SVG path in whole tenths of a pixel, each point relative to the one before.
-#[derive(Default)]
-struct Path {
-    text: String,
-    at: (i64, i64),
-}
-
-impl Path {
-    fn jump(&mut self, x: f64, y: f64) {
-        self.at = tenths(x, y);
-        let _ = write!(self.text, "M{} {}", self.at.0, self.at.1);
-    }
-
-    fn go(&mut self, x: f64, y: f64) {
-        let to = tenths(x, y);
-        let (dx, dy) = (to.0 - self.at.0, to.1 - self.at.1);
-        // Differences of rounded points: no error adds up along the path.
-        let _ = match (dx, dy) {
-            (0, 0) => return,
-            (_, 0) => write!(self.text, "h{dx}"),
-            (0, _) => write!(self.text, "v{dy}"),
-            (_, 0..) => write!(self.text, "l{dx} {dy}"),
-            _ => write!(self.text, "l{dx}{dy}"),
-        };
-        self.at = to;
-    }
-
-    fn dot(&mut self) {
-        self.text.push_str("h0");
-    }
-}
-
-fn tenths(x: f64, y: f64) -> (i64, i64) {
-    ((x * 10.0).round() as i64, (y * 10.0).round() as i64)
 }

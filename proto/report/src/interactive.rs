@@ -13,8 +13,9 @@ use std::fmt::Write;
 use crate::axis::{Axis, Scale};
 use crate::color::DARK;
 use crate::decimate::decimate;
-use crate::draw::parts;
+use crate::draw::NO_VALUES;
 use crate::legend::styled;
+use crate::path::parts;
 use crate::plot::{Panel, Plot};
 use crate::series::Series;
 
@@ -82,8 +83,9 @@ fn panel_json(panel: &Panel, arrays: &mut Arrays) -> String {
             Some(format!("{{\"n\":{},\"c\":\"{}\"{dash},{kind}}}", string(styled.series.name()), styled.color))
         })
         .collect();
+    let words = if panel.is_empty() { format!("\"words\":{},", string(NO_VALUES)) } else { String::new() };
     format!(
-        "{{\"l\":{},\"h\":{},\"y\":{},\"s\":[{}]}}",
+        "{{{words}\"l\":{},\"h\":{},\"y\":{},\"s\":[{}]}}",
         string(&panel.y_label),
         panel.height,
         axis_json(&panel.y_axis()),

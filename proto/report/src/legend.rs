@@ -4,10 +4,14 @@ use std::fmt::Write;
 
 use crate::color::Color;
 use crate::markup::{coordinate, escape};
+use crate::names::{letters_in, shortened};
 use crate::series::Series;
 
 /// Size of all text in a plot (pixels).
 pub(crate) const FONT: f64 = 13.0;
+/// Width of a letter (pixels): a sans-serif letter is about 0.55 of its size wide, and a little too much is better than
+/// an overlap.
+pub(crate) const LETTER: f64 = FONT * 0.56;
 /// Length of a legend's mark (pixels).
 const MARK: f64 = 22.0;
 /// Space between mark and name, and between entries (pixels).
@@ -36,21 +40,26 @@ pub(crate) fn styled(series: &[Series]) -> Vec<Styled<'_>> {
     series.iter().map(style).collect()
 }
 
-/// Width that a text will take, without a font at hand: a sans-serif letter is about 0.55 of its size
-/// wide, and a little too much is better than an overlap.
+/// Width that a text will take, without a font at hand.
 pub(crate) fn text_width(text: &str) -> f64 {
-    text.chars().count() as f64 * FONT * 0.56
+    text.chars().count() as f64 * LETTER
+}
+
+/// Name of each series as a legend of a width (pixels) has it; no entry is wider than a row.
+pub(crate) fn names(series: &[Styled<'_>], width: f64) -> Vec<String> {
+    let whole: Vec<&str> = series.iter().map(|styled| styled.series.name()).collect();
+    shortened(&whole, letters_in(width - MARK - GAPS.0))
 }
 
 /// Rows of entries, each with its left edge; entries that find no room begin another row.
-pub(crate) fn layout(series: &[Styled<'_>], from: f64, to: f64) -> Vec<Vec<(usize, f64)>> {
+pub(crate) fn layout(series: &[Styled<'_>], names: &[String], from: f64, to: f64) -> Vec<Vec<(usize, f64)>> {
     let mut rows: Vec<Vec<(usize, f64)>> = vec![Vec::new()];
     let mut x = from;
-    for (index, Styled { series: entry, .. }) in series.iter().enumerate() {
+    for (index, (Styled { series: entry, .. }, name)) in series.iter().zip(names).enumerate() {
         if entry.name().is_empty() || labelled_in_place(entry) {
             continue;
         }
-        let width = MARK + GAPS.0 + text_width(entry.name());
+        let width = MARK + GAPS.0 + text_width(name);
         if x + width > to && x > from {
             rows.push(Vec::new());
             x = from;
@@ -68,8 +77,8 @@ pub(crate) fn labelled_in_place(series: &Series) -> bool {
     matches!(series, Series::Level { .. } | Series::Moment { .. })
 }
 
-/// Draws one entry with its left edge at `x` and its text on the line `y`.
-pub(crate) fn entry(out: &mut String, styled: &Styled<'_>, x: f64, y: f64) {
+/// Draws one entry under a name, with its left edge at `x` and its text on the line `y`.
+pub(crate) fn entry(out: &mut String, styled: &Styled<'_>, name: &str, x: f64, y: f64) {
     let Styled { series, color, dashed } = *styled;
     let (left, right, middle) = (coordinate(x), coordinate(x + MARK), coordinate(y - FONT * 0.34));
     // Writing to a String cannot fail.
@@ -97,5 +106,5 @@ pub(crate) fn entry(out: &mut String, styled: &Styled<'_>, x: f64, y: f64) {
         Series::Level { .. } | Series::Moment { .. } => Ok(()),
     };
     let text = coordinate(x + MARK + GAPS.0);
-    let _ = write!(out, "<text x=\"{text}\" y=\"{}\">{}</text>", coordinate(y), escape(series.name()));
+    let _ = write!(out, "<text x=\"{text}\" y=\"{}\">{}</text>", coordinate(y), escape(name));
 }

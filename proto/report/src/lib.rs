@@ -1,7 +1,7 @@
 //! Self-contained HTML reports with SVG plots.
 //!
-//! One file that opens anywhere, in ten years too: no scripts, no fonts, no images, nothing from the
-//! network. It prints, it is readable without colour, and it is light whatever the reader's theme.
+//! One file that opens anywhere, in ten years too: no fonts, no images, nothing from the network. It prints, it is readable
+//! without colour, and it is complete where no scripts run. Where they do, its plots can be worked with.
 //!
 //! ```
 //! use report::{Color, Line, Panel, Plot, Report, Table};
@@ -27,14 +27,14 @@
 //! | `histogram` | [`Histogram`]: counts of values in even or logarithmic bins |
 //! | `axis` | scales and round tick values |
 //! | `decimate` | fewer points without losing a peak |
-//! | `draw` | a plot to SVG |
+//! | `draw`, `path`, `legend`, `names` | a plot to SVG |
+//! | `interactive` | the plots' numbers for the page's script |
 //! | `markup` | escaping |
 //!
 //! All text that goes in is escaped; there is no way to pass markup through. Writing the file is the
 //! caller's business.
 //!
-//! Left out: interaction (a recording opens in Foxglove or PlotJuggler for that), second y axes (they
-//! invite false comparisons; stack panels instead), and pie charts.
+//! Left out: second y axes (they invite false comparisons; stack panels instead), and pie charts.
 
 mod axis;
 mod color;
@@ -45,6 +45,8 @@ mod histogram;
 mod interactive;
 mod legend;
 mod markup;
+mod names;
+mod path;
 mod plot;
 mod series;
 mod table;

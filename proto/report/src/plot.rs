@@ -179,9 +179,40 @@ impl Panel {
         self.with(Series::Span { name: name.to_owned(), from, to, color })
     }
 
+    /// Adds a value at each name of the x axis ([`Plot::x_names`]), the first at the first name: a short stroke, those of
+    /// several series beside each other. A value that is no number is left out.
+    #[must_use]
+    pub fn at_names(mut self, series: &[(&str, &[f64], Color)]) -> Self {
+        /// Share of the distance between names that strokes take, and share of a stroke's own place that it fills.
+        const SHARES: (f64, f64) = (0.7, 0.75);
+        let place = SHARES.0 / series.len().max(1) as f64;
+        for (index, (name, values, color)) in series.iter().enumerate() {
+            let middle = (index as f64 + 0.5) * place - 0.5 * SHARES.0;
+            let (mut x, mut y) = (Vec::new(), Vec::new());
+            for (nth, value) in values.iter().enumerate() {
+                let at = nth as f64 + 1.0 + middle;
+                x.extend([at - 0.5 * SHARES.1 * place, at + 0.5 * SHARES.1 * place, at]);
+                y.extend([*value, *value, f64::NAN]);
+            }
+            self = self.line(Line::new(name, &x, &y).color(*color).width(6.0));
+        }
+        self
+    }
+
     fn with(mut self, series: Series) -> Self {
         self.series.push(series);
         self
+    }
+
+    /// Tells whether there are series and none of them has a number that can be drawn.
+    pub(crate) fn is_empty(&self) -> bool {
+        let drawn = |value: &f64| value.is_finite() && (self.y_scale == Scale::Linear || *value > 0.0);
+        let shows = |series: &Series| match series {
+            Series::Moment { .. } | Series::Span { .. } | Series::Level { .. } => false,
+            Series::Bars { histogram, .. } => histogram.counts.iter().any(|count| *count > 0),
+            curve => curve.y_values().any(|value| drawn(&value)),
+        };
+        !self.series.is_empty() && !self.series.iter().any(shows)
     }
 
     pub(crate) fn y_axis(&self) -> Axis {

@@ -2,11 +2,19 @@
 (() => {
   const data = JSON.parse(document.getElementById('plot-data').textContent);
   const root = document.documentElement;
-  const FONT = 13, ROW = 20, GAP = 16, FOOT = 48, DOT = 4.4;
+  const FONT = 13, ROW = 20, GAP = 16, FOOT = 48, DOT = 4.4, UPRIGHT = 28, REACH = 12;
   const esc = text => text.replace(/[&<>"']/g, c => '&#' + c.charCodeAt(0) + ';');
   const minus = text => text.replace('-', '\u2212');
   const textWidth = text => [...text].length * FONT * 0.56;
   const num = x => Math.round(x * 10) / 10;
+
+  // Names with at most so many letters each: the middle of a longer one is left out, and names that differ stay different.
+  const shortened = (names, most) => {
+    const cut = n => { const c = [...n]; return c.length <= most ? n : c.slice(0, most >> 1).join('') + '\u2026' + c.slice(c.length - (most - 1 >> 1)).join(''); };
+    const longest = Math.max(0, ...names.map(n => [...n].length)), wanted = new Set(names).size;
+    for (most = Math.max(3, most); most < longest && new Set(names.map(cut)).size < wanted;) most += 8;
+    return names.map(cut);
+  };
 
   // Arrays are single-precision numbers, little-endian, in base 64; a gap is a number that is none.
   const decoded = [];
@@ -71,6 +79,9 @@
       this.hidden = new Set();
       this.box = document.createElement('div');
       this.box.className = 'live';
+      this.box.tabIndex = 0;
+      this.box.setAttribute('role', 'group');
+      this.box.setAttribute('aria-label', this.title + ': arrow keys show values');
       svg.before(this.box);
       svg.classList.add('still');
       this.tip = document.createElement('div');
@@ -141,28 +152,34 @@
     visible(p, s) { return !this.hidden.has(p + ':' + s); }
 
     layout() {
-      const width = Math.max(340, Math.min(920, this.box.clientWidth || 920)), names = this.plot.names || [];
-      const left = width < 600 ? 52 : 68, right = width - (width < 600 ? 10 : 18);
+      const width = Math.max(340, Math.min(920, this.box.clientWidth || 920));
+      const marks = this.plot.panels.map((panel, p) => {
+        const y = this.yAxis(panel, p);
+        return {y, ticks: ticks(y, Math.max(3, Math.min(9, Math.floor(panel.h / 26))))};
+      });
+      const widest = Math.max(0, ...marks.flatMap(m => m.ticks.map(([, label]) => textWidth(label))));
+      const left = Math.max(width < 600 ? 52 : 68, num(1.15 * widest + 10)), right = width - (width < 600 ? 10 : 18);
       let at = 4;
       const panels = this.plot.panels.map((panel, p) => {
-        const keys = [];
+        const keys = [], words = shortened(panel.s.map(s => s.n), Math.floor((right - left - 28) / textWidth('n')));
         let row = 0, x = left + textWidth(panel.l) + 40;
         const named = panel.s.map((s, i) => [s, i]).filter(([s]) => s.n && s.k !== 'level' && s.k !== 'moment');
-        const widthOf = s => 28 + textWidth(s.n);
-        const total = named.reduce((sum, [s]) => sum + widthOf(s) + 18, -18);
+        const widthOf = i => 28 + textWidth(words[i]);
+        const total = named.reduce((sum, [, i]) => sum + widthOf(i) + 18, -18);
         if (named.length && x + total > right) { row = 1; x = left; }
-        for (const [s, i] of named) {
-          if (x + widthOf(s) > right && x > left) { row++; x = left; }
-          keys.push({i, x, row});
-          x += widthOf(s) + 18;
+        for (const [, i] of named) {
+          if (x + widthOf(i) > right && x > left) { row++; x = left; }
+          keys.push({i, x, row, words: words[i]});
+          x += widthOf(i) + 18;
         }
         const head = at, top = head + (row + 1) * ROW + 4, bottom = top + panel.h;
         at = bottom + GAP;
-        return {panel, p, keys, head, top, bottom, y: this.yAxis(panel, p)};
+        return {panel, p, keys, head, top, bottom, ...marks[p]};
       });
       // Names that do not fit beside each other stand upright.
-      const longest = Math.max(0, ...names.map(textWidth)), upright = longest > (right - left) / Math.max(1, names.length) - 6;
-      return {width, left, right, panels, upright, height: at - GAP + FOOT + (names.length && upright ? longest : 0)};
+      const whole = this.plot.names || [], longest = names => Math.max(0, ...names.map(textWidth));
+      const upright = longest(whole) > (right - left) / Math.max(1, whole.length) - 6, names = upright ? shortened(whole, UPRIGHT) : whole;
+      return {width, left, right, panels, upright, names, height: at - GAP + FOOT + (upright ? longest(names) : 0)};
     }
 
     // Zoomed in, a panel is drawn to the scale of what is seen of it.
@@ -218,27 +235,28 @@
       const {panel, p, top, bottom, y} = q, id = this.still.dataset.plot + '-live-' + p;
       const py = v => bottom - (bottom - top) * Math.max(-8, Math.min(9, y.place(v)));
       let out = `<text x="${g.left}" y="${num(q.head + ROW - 6)}" font-weight="600">${esc(panel.l)}</text>`;
-      for (const {i, x, row} of q.keys) {
+      for (const {i, x, row, words} of q.keys) {
         const s = panel.s[i], at = q.head + ROW * (row + 1) - 6, on = this.visible(p, i);
         let mark;
         if (s.k === 'line') mark = `<path d="M${num(x)} ${num(at - 4.4)}h22" stroke="${s.c}" stroke-width="${Math.max(2, s.w)}"${s.dash ? ' stroke-dasharray="6 4"' : ''} fill="none"/>`;
         else if (s.k === 'dots') mark = `<circle cx="${num(x + 11)}" cy="${num(at - 4.4)}" r="3" fill="${s.c}"/>`;
         else mark = `<rect x="${num(x)}" y="${num(at - 9.8)}" width="22" height="11" fill="${s.c}" fill-opacity="${s.k === 'bars' ? 0.85 : 0.22}" stroke="${s.c}" stroke-opacity="0.6"/>`;
-        out += `<g class="key" data-key="${p}:${i}" role="button" tabindex="0" aria-pressed="${on}" opacity="${on ? 1 : 0.35}"><rect x="${num(x - 4)}" y="${num(at - 15)}" width="${num(36 + textWidth(s.n))}" height="20" fill="#ffffff" fill-opacity="0"/>${mark}<text x="${num(x + 28)}" y="${num(at)}">${esc(s.n)}</text></g>`;
+        out += `<g class="key" data-key="${p}:${i}" role="button" tabindex="0" aria-pressed="${on}" opacity="${on ? 1 : 0.35}"><rect x="${num(x - 4)}" y="${num(at - 15)}" width="${num(36 + textWidth(words))}" height="20" fill="#ffffff" fill-opacity="0"/>${mark}<text x="${num(x + 28)}" y="${num(at)}">${esc(words)}</text><title>${esc(s.n)}</title></g>`;
       }
       let grid = '';
-      for (const [v, label] of ticks(y, Math.max(3, Math.min(9, Math.floor(panel.h / 26))))) {
+      for (const [v, label] of q.ticks) {
         grid += `M${g.left} ${num(py(v))}H${g.right}`;
         out += `<text x="${g.left - 8}" y="${num(py(v) + FONT * 0.35)}" text-anchor="end">${label}</text>`;
       }
-      const named = this.plot.names, most = named ? 99 : Math.max(3, Math.round((g.right - g.left) / 66));
+      const named = this.plot.names && g.names, most = named ? 99 : Math.max(3, Math.round((g.right - g.left) / 66));
       const xs = named ? named.map((n, k) => [k + 1, n]).filter(([v]) => v >= X.low && v <= X.high) : ticks(X, most);
       xs.forEach(([v, label]) => {
         grid += `M${num(px(v))} ${top}V${bottom}`;
         if (!last) return;
         const at = num(px(v));
         if (named && g.upright) out += `<text transform="translate(${num(at + FONT * 0.35)} ${num(bottom + 8)}) rotate(-90)" text-anchor="end">${esc(label)}</text>`;
-        else out += `<text x="${at}" y="${num(bottom + FONT + 5)}" text-anchor="middle">${named ? esc(label) : label}</text>`;
+        // A long number at the end of the axis would be cut off by the picture's edge.
+        else out += `<text x="${named ? at : Math.min(at, num(g.width - 0.6 * textWidth(label) - 1))}" y="${num(bottom + FONT + 5)}" text-anchor="middle">${named ? esc(label) : label}</text>`;
       });
       out += `<path d="${grid}" fill="none" stroke="#d8dee4" stroke-width="1"/>`;
       out += `<clipPath id='${id}'><rect x="${g.left - 2.2}" y="${top - 2.2}" width="${num(g.right - g.left + 4.4)}" height="${panel.h + 4.4}"/></clipPath><g clip-path="url(#${id})">`;
@@ -246,6 +264,7 @@
       for (let l = 0; l < 3; l++)
         panel.s.forEach((s, i) => { if (layer(s) === l && this.visible(p, i)) out += this.series(s, X, px, py, g, top, bottom); });
       out += `</g><path d="M${g.left} ${top}V${bottom}H${g.right}" fill="none" stroke="#57606a" stroke-width="1"/>`;
+      if (panel.words) out += `<text x="${num((g.left + g.right) / 2)}" y="${num((top + bottom) / 2)}" text-anchor="middle" fill="#57606a">${esc(panel.words)}</text>`;
       const taken = [];
       panel.s.forEach(s => { out += this.label(s, px, py, g, top, bottom, taken); });
       return out;
@@ -301,14 +320,18 @@
         }
         return `<path d="${d}" fill="${s.c}" fill-opacity="0.22"/>`;
       }
-      let d = '', pen = false;
+      let d = '', lone = '', pen = false;
+      const sound = k => k >= 0 && k < x.length && isFinite(y[k]) && isFinite(x[k]);
       for (let k = from; k < to; k++) {
-        if (!isFinite(y[k]) || !isFinite(x[k])) { pen = false; continue; }
+        if (!sound(k)) { pen = false; continue; }
         const a = num(px(x[k])), b = num(py(y[k]));
         d += !pen ? `M${a} ${b}h0` : s.step ? `H${a}V${b}` : `L${a} ${b}`;
         pen = true;
+        // A point without a neighbour is a dot: as thin as the line nobody would see it.
+        if (!sound(k - 1) && !sound(k + 1)) lone += `M${a} ${b}h0`;
       }
-      return `<path d="${d}" fill="none" stroke="${s.c}" stroke-width="${s.w}" stroke-linejoin="round" stroke-linecap="round"${s.dash ? ' stroke-dasharray="6 4"' : ''}/>`;
+      if (lone) lone = `<path d="${lone}" fill="none" stroke="${s.c}" stroke-width="${Math.max(s.w, DOT)}" stroke-linecap="round"/>`;
+      return lone + `<path d="${d}" fill="none" stroke="${s.c}" stroke-width="${s.w}" stroke-linejoin="round" stroke-linecap="round"${s.dash ? ' stroke-dasharray="6 4"' : ''}/>`;
     }
 
     // Points of the visible range and one beyond each end; everything where x does not rise.
@@ -320,7 +343,24 @@
       return [from, to];
     }
 
-    // What stands under a place of the x axis: for each panel and series its nearest value.
+    // The point of a series that stands for a place of the x axis: the nearest one, of a series that holds its values the
+    // last one. -1 where nothing is drawn: before the series, behind it, and in a gap.
+    nearest(s, at) {
+      const x = array(s.x), y = array(s.y), sound = k => k >= 0 && k < x.length && isFinite(y[k]) && isFinite(x[k]);
+      let best = -1, gap = Infinity;
+      for (let k = 0; k < x.length; k++) {
+        const d = Math.abs(x[k] - at);
+        if (d < gap && sound(k)) { gap = d; best = k; }
+      }
+      if (best < 0) return best;
+      if (this.plot.names) return Math.round(x[best]) === Math.round(at) ? best : -1;
+      const other = x[best] < at ? best + 1 : best - 1, between = s.k !== 'dots' && sound(other) && (x[other] - at) * (x[best] - at) <= 0;
+      if (s.step && between && x[best] > at) best = other;
+      const g = this.geometry, X = this.x();
+      return between || Math.abs(X.place(x[best]) - X.place(at)) * (g.right - g.left) <= REACH ? best : -1;
+    }
+
+    // What stands under a place of the x axis, for each panel and series.
     under(at) {
       const g = this.geometry;
       return g.panels.map(({panel, p, y}) => {
@@ -333,15 +373,10 @@
             if (b >= 0) rows.push({s, text: `${s.counts[b]} from ${+s.edges[b].toPrecision(3)} to ${+s.edges[b + 1].toPrecision(3)}`});
             return;
           }
-          const x = array(s.x);
-          let best = -1, gap = Infinity;
-          for (let k = 0; k < x.length; k++) {
-            const d = Math.abs(x[k] - at);
-            if (d < gap) { gap = d; best = k; }
-          }
+          const x = array(s.x), best = this.nearest(s, at);
           if (best < 0 || !(x[best] >= this.range[0] && x[best] <= this.range[1])) return;
           const v = array(s.y)[best];
-          rows.push({s, v, x: x[best], text: s.y2 === undefined ? value(v, span) : `${value(v, span)} \u2026 ${value(array(s.y2)[best], span)}`});
+          rows.push({s, v, x: s.step ? at : x[best], text: s.y2 === undefined ? value(v, span) : `${value(v, span)} \u2026 ${value(array(s.y2)[best], span)}`});
         });
         return {panel, rows};
       });
@@ -359,7 +394,7 @@
       const at = this.point(event), g = this.geometry, X = this.x();
       if (!at.inside) return this.leave();
       const v = X.back(at.share), found = this.under(v), px = w => g.left + (g.right - g.left) * X.place(w);
-      const snapped = found.flatMap(f => f.rows).find(r => r.x !== undefined);
+      const snapped = found.flatMap(f => f.rows).find(r => r.x !== undefined && !r.s.step);
       const shown = this.plot.names ? (this.plot.names[Math.round(v) - 1] || '') : `${value(snapped ? snapped.x : v, X.high - X.low)}`;
       let html = `<b>${esc(this.plot.names ? shown : this.plot.xl + ': ' + shown)}</b>`, marks = `<path d="M${num(at.x)} ${g.panels[0].top}V${g.panels[g.panels.length - 1].bottom}" stroke="#57606a" stroke-width="1"/>`;
       const narrow = g.width < 600;
@@ -393,17 +428,23 @@
 
     events() {
       const box = this.box;
+      const fingers = new Map();
       box.addEventListener('pointerdown', e => {
         if (e.button !== 0 || e.target.closest('.key')) return;
         const at = this.point(e);
         if (!at.inside) return;
         const touch = e.pointerType === 'touch';
-        this.drag = {share: at.share, pan: e.shiftKey || touch, x: e.clientX, range: [...this.range], touch};
-        if (!touch) { box.setPointerCapture(e.pointerId); e.preventDefault(); }
+        this.drag = {share: at.share, pan: e.shiftKey || touch, x: e.clientX, range: [...this.range]};
+        // What is touched is drawn anew while the finger moves; the box around it stays.
+        box.setPointerCapture(e.pointerId);
+        if (touch) fingers.set(e.pointerId, {share: at.share, at: axis(...this.plot.x).place(this.x().back(at.share))});
+        else e.preventDefault();
         this.hover(e);
       });
       box.addEventListener('pointermove', e => {
-        const d = this.drag;
+        const d = this.drag, finger = fingers.get(e.pointerId);
+        if (finger) finger.share = this.point(e).share;
+        if (fingers.size === 2) return this.pinch(...fingers.values());
         if (d && d.pan && this.zoomed()) {
           const a = axis(d.range[0], d.range[1], this.plot.x[2]), wide = this.svg.getBoundingClientRect().width;
           const g = this.geometry, by = (d.x - e.clientX) / (wide * (g.right - g.left) / g.width);
@@ -415,6 +456,7 @@
       const end = e => {
         const d = this.drag;
         this.drag = null;
+        fingers.delete(e.pointerId);
         if (!d || d.pan || e.type === 'pointercancel') return;
         const at = this.point(e);
         if (Math.abs(e.clientX - d.x) < 5) return;
@@ -424,7 +466,11 @@
       };
       box.addEventListener('pointerup', end);
       box.addEventListener('pointercancel', end);
-      box.addEventListener('pointerleave', () => { if (!this.drag) this.leave(); });
+      // The values under a finger stay when it is lifted, until it touches elsewhere.
+      box.addEventListener('pointerleave', e => { if (!this.drag && e.pointerType !== 'touch') this.leave(); });
+      addEventListener('pointerdown', e => { if (!box.contains(e.target)) this.leave(); });
+      box.addEventListener('blur', () => this.leave());
+      box.addEventListener('keydown', e => this.key(e));
       box.addEventListener('dblclick', () => this.show(this.plot.x[0], this.plot.x[1]));
       box.addEventListener('wheel', e => {
         if (!e.ctrlKey && !e.metaKey) return;
@@ -433,33 +479,55 @@
       }, {passive: false});
     }
 
-    // The visible series over the visible range, one row for every x that any of them has.
+    // Two fingers keep the places of the axis that they touched.
+    pinch(one, other) {
+      if (Math.abs(other.share - one.share) < 0.02) return;
+      const whole = axis(...this.plot.x), wide = (other.at - one.at) / (other.share - one.share), low = one.at - one.share * wide;
+      this.leave();
+      if (wide > 0) this.show(whole.back(low), whole.back(low + wide));
+    }
+
+    // With the keyboard: arrows move the line whose values are shown, with Shift by more; + and - zoom around it.
+    key(e) {
+      if (e.target !== this.box || e.ctrlKey || e.metaKey || e.altKey) return;
+      const by = {ArrowLeft: -0.01, ArrowRight: 0.01}[e.key], zoom = {'+': 0.5, '-': 2}[e.key], at = this.cursor === undefined ? 0.5 : this.cursor;
+      if (by !== undefined) this.cursor = Math.max(0, Math.min(1, at + by * (e.shiftKey ? 10 : 1)));
+      else if (zoom !== undefined) this.scale(zoom, at);
+      else if (e.key === 'Escape') return this.leave();
+      else return;
+      e.preventDefault();
+      const g = this.geometry, box = this.svg.getBoundingClientRect(), unit = box.width / g.width;
+      this.hover({clientX: box.left + unit * (g.left + (g.right - g.left) * (this.cursor === undefined ? 0.5 : this.cursor)), clientY: box.top + unit * (g.panels[0].top + 1)});
+    }
+
+    // The visible series over the visible range: a row for every x that any of them has, several where one has several
+    // values at it. Of an axis of names it is a row for each name.
     csv() {
-      const columns = [], rows = new Map(), cell = text => /[",\n]/.test(text) ? '"' + text.replace(/"/g, '""') + '"' : text;
-      const put = (x, column, v) => {
-        if (!(x >= this.range[0] && x <= this.range[1])) return;
-        if (!rows.has(x)) rows.set(x, []);
-        rows.get(x)[column] = isFinite(v) ? String(+v.toPrecision(7)) : '';
+      const columns = [], rows = new Map(), names = this.plot.names, cell = text => /[",\n]/.test(text) ? '"' + text.replace(/"/g, '""') + '"' : text;
+      const put = (name, xs, ys) => {
+        const column = columns.push(name) - 1, taken = new Map();
+        xs.forEach((x, k) => {
+          // A number that is none is a gap, which has no row.
+          if (!isFinite(ys[k]) || !(x >= this.range[0] && x <= this.range[1])) return;
+          x = names ? Math.round(x) : +x.toPrecision(7);
+          const nth = names ? 0 : taken.get(x) || 0;
+          taken.set(x, nth + 1);
+          if (!rows.has(x)) rows.set(x, []);
+          const at = rows.get(x);
+          (at[nth] = at[nth] || [])[column] = String(+ys[k].toPrecision(7));
+        });
       };
       this.plot.panels.forEach((panel, p) => panel.s.forEach((s, i) => {
         if (!this.visible(p, i)) return;
         const name = s.n ? panel.l + ': ' + s.n : panel.l;
-        if (s.k === 'bars') {
-          columns.push(name);
-          s.counts.forEach((c, b) => put(+s.edges[b].toPrecision(7), columns.length - 1, c));
-        } else if (s.x !== undefined) {
-          const x = array(s.x);
-          for (const [suffix, ys] of s.y2 === undefined ? [['', s.y]] : [[' low', s.y], [' high', s.y2]]) {
-            const y = array(ys);
-            columns.push(name + suffix);
-            for (let k = 0; k < x.length; k++) put(+x[k].toPrecision(7), columns.length - 1, y[k]);
-          }
-        }
+        if (s.k === 'bars') put(name, s.edges.slice(0, -1), s.counts);
+        else if (s.y2 !== undefined) { put(name + ' low', array(s.x), array(s.y)); put(name + ' high', array(s.x), array(s.y2)); }
+        else if (s.x !== undefined) put(name, array(s.x), array(s.y));
       }));
       const lines = [[this.plot.xl, ...columns].map(cell).join(',')];
       for (const x of [...rows.keys()].sort((a, b) => a - b)) {
-        const row = rows.get(x), label = this.plot.names ? cell(this.plot.names[Math.round(x) - 1] || String(x)) : String(x);
-        lines.push([label, ...columns.map((_, c) => row[c] === undefined ? '' : row[c])].join(','));
+        const label = names ? cell(names[x - 1] || String(x)) : String(x);
+        for (const row of rows.get(x)) lines.push([label, ...columns.map((_, c) => row[c] === undefined ? '' : row[c])].join(','));
       }
       return lines.join('\n') + '\n';
     }

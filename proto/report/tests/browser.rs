@@ -3,12 +3,11 @@
 //! Chromium loads the page without a window, a script at its end does what a reader's hand would, and writes what it saw
 //! into the page, which Chromium then prints. Skipped with a line where there is no Chromium.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "the helpers of a test fail by panicking, as the test does")]
+#![allow(clippy::unwrap_used, reason = "the helpers of a test fail by panicking, as the test does")]
 
-use std::collections::BTreeMap;
-use std::path::PathBuf;
-use std::process::{Command, Stdio};
+mod in_browser;
 
+use in_browser::{chromium, seen};
 use report::{Color, Histogram, Line, Panel, Plot, Report};
 
 /// Acts of the reader, and his view after them: lines of `key=value`.
@@ -52,44 +51,6 @@ addEventListener('load', () => setTimeout(() => {
 }, 100));
 </script>"#;
 
-fn chromium() -> Option<&'static str> {
-    let found = ["chromium", "chromium-browser", "google-chrome"].into_iter().find(|name| {
-        Command::new(name)
-            .arg("--version")
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .status()
-            .is_ok_and(|s| s.success())
-    });
-    if found.is_none() {
-        println!("SKIPPED: no chromium here, so pages are not looked at in a browser");
-    }
-    found
-}
-
-/// Loads a page with the reader's hand in a window of a width, and answers what was seen.
-fn seen(browser: &str, page: &str, name: &str, width: u32) -> BTreeMap<String, String> {
-    let folder: PathBuf = std::env::temp_dir().join(format!("report-browser-{}-{name}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
-    let file = folder.join("page.html");
-    std::fs::write(&file, page.replace("</body>", &format!("{HAND}</body>"))).unwrap();
-    let output = Command::new(browser)
-        .args(["--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--virtual-time-budget=20000"])
-        .arg(format!("--window-size={width},1200"))
-        .arg(format!("--user-data-dir={}", folder.join("profile").display()))
-        .arg("--dump-dom")
-        .arg(format!("file://{}", file.display()))
-        .output()
-        .unwrap();
-    let _ = std::fs::remove_dir_all(&folder);
-    let dump = String::from_utf8_lossy(&output.stdout).into_owned();
-    let Some((_, rest)) = dump.split_once("<pre id=\"seen\">") else {
-        panic!("the page did not get through: {}", String::from_utf8_lossy(&output.stderr))
-    };
-    let text = rest.split("</pre>").next().unwrap_or_default();
-    text.lines().filter_map(|line| line.split_once('=')).map(|(k, v)| (k.to_owned(), v.to_owned())).collect()
-}
-
 fn page() -> String {
     let time_s: Vec<f64> = (0..=1_000).map(|k| f64::from(k) / 50.0).collect();
     let ramp: Vec<f64> = time_s.iter().map(|t| 80.0 + t).collect();
@@ -122,7 +83,7 @@ fn page() -> String {
 #[test]
 fn a_reader_can_work_with_a_page() {
     let Some(browser) = chromium() else { return };
-    let seen = seen(browser, &page(), "wide", 1_400);
+    let seen = seen(browser, &page(), HAND, "wide", 1_400);
     let at = |key: &str| seen.get(key).map_or("", String::as_str);
     println!("{seen:?}");
     assert_eq!((at("plots"), at("start")), ("4", "0..20"));
@@ -144,7 +105,7 @@ fn a_reader_can_work_with_a_page() {
 fn a_narrow_window_needs_no_sideways_scrolling() {
     let Some(browser) = chromium() else { return };
     // Chromium's own windows are no narrower than 500 pixels; the plot of 340 and more is drawn for what there is.
-    let seen = seen(browser, &page(), "narrow", 500);
+    let seen = seen(browser, &page(), HAND, "narrow", 500);
     assert_eq!(seen.get("sideways").map(String::as_str), Some("false"), "{seen:?}");
 }
 

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use proto::atomic_file;
 use proto::diagnosis::FoundParameter;
-use report::{Color, KeyFigure, Panel, Plot, Report, Scatter, Table};
+use report::{Color, KeyFigure, Panel, Plot, Report, Table};
 use serde::Serialize;
 
 use crate::AdaptError;
@@ -182,6 +182,14 @@ impl Outcome {
         }
     }
 
+    /// The worst pressures as a figure of the page.
+    fn worst(&self) -> KeyFigure {
+        let kpa =
+            self.extremes_kpa.map_or_else(|| "not known".to_owned(), |[pos, neg]| format!("{pos:.1} / {neg:.1} kPa"));
+        let by = self.extremes_by.as_ref().map(|[pos, neg]| format!("; in control there: {pos} / {neg}"));
+        KeyFigure::new("Worst pressures", &kpa).note(&format!("experiments included{}", by.unwrap_or_default()))
+    }
+
     /// The page.
     fn page(&self) -> String {
         let pair = |tracking: &Option<Tracking>| {
@@ -196,7 +204,7 @@ impl Outcome {
                 KeyFigure::new("RMSE as kept", &pair(after)).note(note),
                 KeyFigure::new("Rig time", &self.rig_time())
                     .note(&format!("and {:.1} min of computing", self.computing_minutes)),
-                KeyFigure::new("Worst pressures", &self.extremes()).note("experiments included"),
+                self.worst(),
             ]);
         page = page.heading("What was missing").text(&self.missing).list(self.learned.clone());
         if let Some(concealed) = &self.concealed {
@@ -216,15 +224,13 @@ impl Outcome {
             let row = [what, format!("{pos:.3}"), format!("{neg:.3}"), dash(), dash()];
             table.push(row.into_iter().chain(late_columns.map(|_| dash())));
         }
-        let x: Vec<f64> = (0..self.flown.len()).map(|n| n as f64).collect();
         let y = |c: usize| self.flown.iter().map(|flown| flown.tracking.judged_kpa()[c]).collect::<Vec<f64>>();
         let plot = Plot::new("Tracking error, run by run", "run")
             .x_names(self.flown.iter().map(|flown| flown.what.clone()))
             .panel(
                 Panel::new("RMSE (kPa)")
                     .include(0.0)
-                    .scatter(Scatter::new("positive", &x, &y(0)).color(Color::Blue))
-                    .scatter(Scatter::new("negative", &x, &y(1)).color(Color::Vermilion)),
+                    .at_names(&[("positive", &y(0), Color::Blue), ("negative", &y(1), Color::Vermilion)]),
             );
         page = page.heading("Tracking").plot(plot).table(table);
         if let Some(judged_by) = &self.judged_by {
@@ -257,7 +263,7 @@ mod tests {
     use crate::journal::TickSpan;
     use crate::settings::AdaptSettings;
 
-    /// What comes of two runs with these figures by late sensors: the second trails the reference by more than the first.
+    /// Outcome of two runs with these figures by late sensors: the second trails the reference by more than the first.
     fn outcome(late_kpa: [Option<[f64; 2]>; 2]) -> Outcome {
         let flown = |what: &str, rmse_kpa, late_rmse_kpa| Flown {
             what: what.to_owned(),

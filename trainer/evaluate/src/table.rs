@@ -1,6 +1,6 @@
 //! A table of the paper: who controlled what, how well, with its spread; as JSON, Markdown and page.
 
-use report::{Color, Line, Panel, Plot, Report, Table as Page};
+use report::{Color, Panel, Plot, Report, Table as Page};
 use serde::{Deserialize, Serialize};
 
 /// Figures of one entrant on one rig: means over runs, and their spread (standard deviation over seeds).
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub struct Cell {
     /// RMSE of the measured pressures after the first 5 s, in kPa; positive, negative.
     pub rmse_kpa: [f64; 2],
-    /// Its spread over seeds, in kPa; 0 with one seed.
+    /// Spread over seeds, in kPa; 0 with one seed.
     pub spread_kpa: [f64; 2],
     /// Worst RMSE of any run in the cell, in kPa.
     pub worst_kpa: [f64; 2],
@@ -26,7 +26,7 @@ pub struct Row {
     /// Who controlled.
     #[serde(deserialize_with = "crate::present_names::one")]
     pub entrant: String,
-    /// How many trainings or noise seeds.
+    /// Number of trainings or noise seeds.
     pub seeds: usize,
     /// One cell for each column.
     pub cells: Vec<Cell>,
@@ -35,16 +35,16 @@ pub struct Row {
 /// A table.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Table {
-    /// What it shows.
+    /// Title.
     pub title: String,
-    /// What is controlled in each column.
+    /// Rig that is controlled in each column.
     #[serde(deserialize_with = "crate::present_names::each")]
     pub columns: Vec<String>,
     /// Entrants.
     pub rows: Vec<Row>,
     /// The paper's own figures, where it has such a table: entrant, positive and negative RMSE in kPa on its rig.
     pub paper: Vec<(String, [f64; 2])>,
-    /// What a reader must know.
+    /// Notes that a reader must know.
     #[serde(deserialize_with = "crate::present_names::each")]
     pub notes: Vec<String>,
     /// Command, versions, seeds: how to make it again.
@@ -99,7 +99,7 @@ impl Table {
         self.rows.iter().find(|row| row.entrant == OPTIMUM).and_then(|row| row.cells.get(column))
     }
 
-    /// What a cell says, in kPa, with the multiple of the optimum where there is one.
+    /// Text of a cell, in kPa, with the multiple of the optimum where there is one.
     fn words(&self, row: &Row, column: usize) -> String {
         let Some(cell) = row.cells.get(column) else { return String::new() };
         let channel = |c: usize| {
@@ -113,7 +113,7 @@ impl Table {
         format!("{} / {}", channel(0), channel(1))
     }
 
-    /// What the brackets hold; nothing in a table without the optimum, which has none.
+    /// Words on what the brackets hold; nothing in a table without the optimum, which has none.
     fn words_on_brackets(&self) -> &'static str {
         let has_optimum = self.rows.iter().any(|row| row.entrant == OPTIMUM);
         if has_optimum { "; in brackets multiples of the clairvoyant optimum" } else { "" }
@@ -196,20 +196,13 @@ impl Table {
             table.push(std::iter::once(row.entrant.clone()).chain(cells));
         }
         page = page.table(table);
-        let colors = [Color::Blue, Color::Vermilion];
         for (n, column) in self.columns.iter().enumerate() {
-            let mut panel = Panel::new("RMSE (kPa)").log_y();
-            for (c, (name, color)) in ["positive", "negative"].into_iter().zip(colors).enumerate() {
-                // A short stroke for each entrant, the two channels side by side.
-                let (mut x, mut y) = (Vec::new(), Vec::new());
-                for (k, row) in self.rows.iter().enumerate() {
-                    let from = k as f64 + [0.6, 1.05][c];
-                    let kpa = row.cells.get(n).map_or(f64::NAN, |cell| cell.rmse_kpa[c]);
-                    x.extend([from, from + 0.35, from + 0.35]);
-                    y.extend([kpa, kpa, f64::NAN]);
-                }
-                panel = panel.line(Line::new(name, &x, &y).color(color).width(5.0));
-            }
+            let kpa = |c: usize| -> Vec<f64> {
+                self.rows.iter().map(|row| row.cells.get(n).map_or(f64::NAN, |cell| cell.rmse_kpa[c])).collect()
+            };
+            let panel = Panel::new("RMSE (kPa)")
+                .log_y()
+                .at_names(&[("positive", &kpa(0), Color::Blue), ("negative", &kpa(1), Color::Vermilion)]);
             let names = self.rows.iter().map(|row| row.entrant.clone());
             page = page.plot(Plot::new(column, "controller").x_names(names).panel(panel));
         }

@@ -113,13 +113,18 @@ class Tables(unittest.TestCase):
             dual_pressure.read_recording(HOLDS, "no_such_rig")
 
 
+def octave_of(test):
+    octave = os.environ.get("OCTAVE") or shutil.which("octave-cli")
+    if not octave:
+        test.skipTest("no octave-cli here; OCTAVE says where it is")
+    return octave
+
+
 class Octave(unittest.TestCase):
     """The lines for MATLAB in docs/recordings.md that GNU Octave has as well."""
 
     def test_what_the_pages_line_saves_is_read_to_the_bit(self):
-        octave = os.environ.get("OCTAVE") or shutil.which("octave-cli")
-        if not octave:
-            self.skipTest("no octave-cli here; OCTAVE says where it is")
+        octave = octave_of(self)
         save = re.search(r"`(save\('run\.mat', .*)`\.", (ROOT / "docs/recordings.md").read_text())[1]
         made = "time_s = 0.02*(0:499)'; u_pos = 0.8 + 0.1*sin(time_s); u_neg = 0.7 + 0.1*cos(time_s);"
         made += "p_pos_kpa = 90 + 5*sin(time_s); p_neg_kpa = -70 - 3*cos(time_s);"
@@ -151,6 +156,17 @@ class RecordingOfTheDaemon(unittest.TestCase):
         command = [self.controller, "export", str(self.recording), "--csv", *options, "--out", str(out)]
         subprocess.run(command, check=True, capture_output=True)
         return table(out)
+
+    def test_the_pages_line_for_octave_keeps_empty_cells_empty(self):
+        octave = octave_of(self)
+        read = re.search(r"`(T = dlmread\('run\.csv', [^`]*)`", (ROOT / "docs/recordings.md").read_text())[1]
+        exported = self.exported("--all")
+        column = list(exported).index("ref_pos_kpa") + 1
+        lines = f"{read}; csvwrite('ref_pos.csv', T(:, {column}), 'precision', '%.17g');"
+        subprocess.run([octave, "--eval", lines], cwd=self.folder.name, check=True, capture_output=True)
+        found = [float(line) for line in (Path(self.folder.name) / "ref_pos.csv").read_text().split()]
+        self.assertTrue(np.isnan(found).any() and not np.isnan(found).all(), "a demo begins without a reference")
+        np.testing.assert_array_equal(found, exported["ref_pos_kpa"])
 
     def test_ticks_are_what_the_program_exports(self):
         found, exported = dual_pressure.read_ticks(self.recording), self.exported("--all")
