@@ -20,8 +20,8 @@ use crate::operator::running::ModelIdentity;
 use crate::operator::socket::{May, Running};
 use crate::policy_service::{self, PolicyHandle};
 use crate::replay::run_file::attached;
-use crate::session::run_length::RunLength;
-use crate::session::session_recorder::{SessionError, SessionRecorder, StartPolicies, attachment, fly_recorded};
+use crate::session::run_length::{RunEnd, RunLength};
+use crate::session::session_recorder::{Flown, SessionError, SessionRecorder, StartPolicies, attachment, fly_recorded};
 
 pub use crate::session::session_recorder::PROGRAM;
 
@@ -211,11 +211,20 @@ pub struct Options {
     pub stop: Arc<AtomicBool>,
 }
 
+/// A flight that has ended.
+#[derive(Debug)]
+pub struct Flight {
+    /// The recording.
+    pub recording: RecordingSummary,
+    /// End that the run came to.
+    pub end: RunEnd,
+}
+
 /// Runs the daemon until the flight is over or it is told to stop.
 ///
 /// # Errors
 /// Why it cannot start, or what was lost at the end.
-pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<RecordingSummary, DaemonError> {
+pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Flight, DaemonError> {
     let Loaded { rig, rig_text, reference, reference_name, policy, policy_bytes, mut remarks } = loaded;
     let mut attachments = options.attachments;
     attachments.push(attachment(attached::MODEL, "application/toml", rig_text));
@@ -269,8 +278,8 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
         stop: options.stop,
         length: options.length,
     };
-    let (summary, _) = fly_recorded(config, cycle, logbook)?;
-    Ok(summary)
+    let Flown { recording, end, .. } = fly_recorded(config, cycle, logbook)?;
+    Ok(Flight { recording, end })
 }
 
 #[cfg(test)]

@@ -37,7 +37,7 @@ use crate::operator::socket::{May, Running};
 use crate::replay::run_file::attached;
 use crate::session::recording_folder::EXPERIMENT_STEM;
 use crate::session::run_length::RunLength;
-use crate::session::session_recorder::{SessionError, SessionRecorder, attachment, fly_recorded};
+use crate::session::session_recorder::{Flown, SessionError, SessionRecorder, attachment, fly_recorded};
 
 /// Reason why an experiment cannot be made.
 #[derive(Debug, thiserror::Error)]
@@ -172,7 +172,7 @@ impl Experiment {
             stop: options.stop,
             length: RunLength::ENDLESS,
         };
-        let (recording, cycle) = fly_recorded(config, cycle, logbook)?;
+        let Flown { recording, cycle, .. } = fly_recorded(config, cycle, logbook)?;
         let playing = cycle.duty_source();
         let witness = witness.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let (rows, reached) = (playing.rows(), playing.reached());

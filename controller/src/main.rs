@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use clap::CommandFactory;
 use controller::machine::signals::stopped_status;
+use controller::operator::console::{self, Unprinted};
 use manual::Explained;
 
 fn main() -> ExitCode {
@@ -14,26 +15,33 @@ fn main() -> ExitCode {
         Ok(arguments) => arguments,
         Err(error) => return explain(&error),
     };
-    let when_stopped = arguments.when_stopped();
-    let outcome = arguments.run();
-    let stopped = stopped_status().filter(|_| when_stopped.is_undone(&outcome));
-    let status = match outcome {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => {
-            controller::operator::console::notice(failure.line);
-            ExitCode::from(failure.status)
-        }
-    };
-    ended(stopped.map_or(status, ExitCode::from))
+    let has_an_end = arguments.has_an_end();
+    let stopped = || stopped_status().filter(|_| has_an_end);
+    let status = arguments.run().map_or_else(
+        |failure| {
+            console::notice(&failure.line);
+            failure.status(stopped())
+        },
+        |()| GOOD,
+    );
+    ended(status, stopped)
 }
 
-/// The exit status once all is printed: results that nobody could keep are no success.
-fn ended(status: ExitCode) -> ExitCode {
-    let Err(line) = controller::operator::console::finish() else { return status };
-    controller::operator::console::notice(line);
+/// Exit status of work that is done and good.
+const GOOD: u8 = 0;
+
+/// The exit status once all is printed: results that nobody could keep are no success, and those that nobody read before a signal came
+/// were left undone by it. `stopped` gives the status of that.
+fn ended(status: u8, stopped: impl Fn() -> Option<u8>) -> ExitCode {
+    let Err(unprinted) = console::finish() else { return status.into() };
+    console::notice(&unprinted);
     // Where standard error takes nothing either there is no one to tell.
-    let _ = controller::operator::console::finish();
-    if status == ExitCode::SUCCESS { ExitCode::FAILURE } else { status }
+    let _ = console::finish();
+    match unprinted {
+        _ if status != GOOD => status.into(),
+        Unprinted::Failed(_) => ExitCode::FAILURE,
+        Unprinted::Stopped => stopped().unwrap_or(status).into(),
+    }
 }
 
 /// Help where it was asked for, two lines where the command line is wrong; the exit status.
@@ -41,13 +49,13 @@ fn explain(error: &clap::Error) -> ExitCode {
     let columns = proto::terminal_lines::width(&std::io::stdout());
     let status = match manual::explain(&cli::Arguments::command(), error, columns) {
         Explained::Help(text) => {
-            controller::operator::console::result(text.trim_end());
-            ExitCode::SUCCESS
+            console::result(text.trim_end());
+            GOOD
         }
         Explained::Wrong(lines) => {
-            lines.iter().for_each(controller::operator::console::notice);
-            ExitCode::from(2)
+            lines.iter().for_each(console::notice);
+            2
         }
     };
-    ended(status)
+    ended(status, || None)
 }

@@ -15,9 +15,8 @@ pub mod run_file;
 mod beginning;
 mod comparison;
 pub mod part_order;
+mod recorded_inputs;
 mod replay_error;
-
-use std::collections::VecDeque;
 
 use handover::Noise;
 use proto::recording::{TickInput, TickRecord};
@@ -27,15 +26,12 @@ use supervisor::Condition;
 
 use crate::cycle::Cycle;
 use crate::cycle::limits::OF_ONE_FRAME;
-use crate::experiment::command_sequence::CommandSequence;
-use crate::experiment::open_loop_playback::OpenLoopPlayback;
-use crate::experiment::pump_relay::PumpRelay;
-use crate::replay::recorded_orders::RecordedOrders;
-use crate::replay::run_file::{RunFile, attached};
+use crate::replay::run_file::RunFile;
 
 use beginning::{cycle, no_beginning};
 use comparison::compare;
 pub use comparison::{Difference, Stage};
+use recorded_inputs::RecordedInputs;
 pub use replay_error::ReplayError;
 
 /// Findings of a replay.
@@ -83,20 +79,7 @@ pub struct Replay {
     /// Session, number and dropped records of the last tick.
     last: Option<(u32, u32, u32)>,
     replayed: Replayed,
-    /// References that were exchanged while it ran, in their order: from files beside the recording, where given.
-    references: VecDeque<Reference>,
-    /// Source of these references.
-    given: Given,
-    /// References of this run that are known from the recordings so far, the first one counted.
-    known: usize,
-    /// Experiments that were played while it ran, in their order.
-    experiments: VecDeque<CommandSequence>,
-    /// Those that are known from the recordings so far.
-    known_experiments: usize,
-    /// Policies and models that took over while it ran.
-    orders: RecordedOrders,
-    /// Relay of the pump of the model in force.
-    relay: PumpRelay,
+    inputs: RecordedInputs,
     /// First ticks of the recordings so far: session, number, time, and the file.
     begun: Vec<((u32, u32, u64), String)>,
     /// The part of its run that the newest recording is.
@@ -129,30 +112,14 @@ fn place(run: &RunFile, index: usize) -> Place {
     }
 }
 
-/// Source of references that were exchanged.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Given {
-    /// Files beside the recording.
-    Beside,
-    /// The recording itself.
-    Inside,
-}
-
 impl Replay {
     /// A replay; `references` are those that were exchanged while the run went on, in their order.
     pub fn new(references: Vec<Reference>) -> Self {
-        let given = if references.is_empty() { Given::Inside } else { Given::Beside };
         Replay {
             cycle: None,
             last: None,
             replayed: Replayed::default(),
-            references: references.into(),
-            given,
-            known: 0,
-            experiments: VecDeque::new(),
-            known_experiments: 0,
-            orders: RecordedOrders::default(),
-            relay: PumpRelay::Fitted,
+            inputs: RecordedInputs::new(references),
             begun: Vec::new(),
             part: 0,
             is_damaged: false,
@@ -198,15 +165,10 @@ impl Replay {
             if first && !goes_on {
                 let (cycle, relay) = cycle(run)?;
                 self.cycle = Some(cycle);
-                self.relay = relay;
-                (self.known, self.known_experiments) = (1, 0);
-                self.experiments.clear();
-                self.orders = RecordedOrders::default();
+                self.inputs.begin_anew(relay);
             }
             if first {
-                self.take_references(run)?;
-                self.take_experiments(run)?;
-                self.orders.take_in(run);
+                self.inputs.take_in(run)?;
             }
             if first && !goes_on {
                 // What there was no room for may have been the opening; the tick says so.
@@ -241,29 +203,6 @@ impl Replay {
         Ok(())
     }
 
-    /// Takes over the references that were exchanged in this recording; a later part repeats those before it.
-    fn take_references(&mut self, run: &RunFile) -> Result<(), ReplayError> {
-        if self.given == Given::Beside {
-            return Ok(());
-        }
-        let inside: Vec<&[u8]> = run.attachments(attached::REFERENCE).collect();
-        for bytes in inside.iter().skip(self.known) {
-            self.references.push_back(Reference::parse(attached::REFERENCE, bytes)?);
-        }
-        self.known = self.known.max(inside.len());
-        Ok(())
-    }
-
-    /// Takes over the experiments that were played in this recording; a later part repeats those before it.
-    fn take_experiments(&mut self, run: &RunFile) -> Result<(), ReplayError> {
-        let inside: Vec<&[u8]> = run.attachments(attached::EXPERIMENT).collect();
-        for bytes in inside.iter().skip(self.known_experiments) {
-            self.experiments.push_back(CommandSequence::parse(attached::EXPERIMENT, bytes.to_vec())?);
-        }
-        self.known_experiments = self.known_experiments.max(inside.len());
-        Ok(())
-    }
-
     /// Reason why ticks before this one are not in the recording, if any are not. A number that is skipped is no proof: in
     /// lockstep a frame that never came leaves no tick.
     fn lost_before(&self, tick: &TickRecord, place: Place) -> Option<String> {
@@ -294,57 +233,7 @@ impl Replay {
     fn tick(&mut self, recorded: &TickRecord) {
         let Some(cycle) = &mut self.cycle else { return };
         for (at, input) in TickInput::of(recorded.inputs).enumerate() {
-            let known = match input {
-                TickInput::Arm => {
-                    cycle.arm();
-                    Ok(())
-                }
-                TickInput::Disarm => {
-                    cycle.disarm();
-                    Ok(())
-                }
-                TickInput::Acknowledge => {
-                    cycle.acknowledge();
-                    Ok(())
-                }
-                TickInput::LinkLost => {
-                    cycle.link_lost(Condition::LinkLost, 0.0, &mut |_| {});
-                    Ok(())
-                }
-                TickInput::SessionOpened => {
-                    cycle.session_opened();
-                    Ok(())
-                }
-                TickInput::Reference => match self.references.pop_front() {
-                    Some(reference) => {
-                        cycle.exchange_reference(Box::new(reference));
-                        Ok(())
-                    }
-                    None => Err(
-                        "another reference was put in, and the recording does not hold it; give its file with --reference",
-                    ),
-                },
-                TickInput::Experiment => match self.experiments.pop_front() {
-                    Some(sequence) => {
-                        let playback = OpenLoopPlayback::new(sequence.rows().into(), self.relay);
-                        // One that is over has been handed back by then, as it was in the run.
-                        let _ = cycle.take_finished_experiment();
-                        let begun = cycle.begin_experiment(Box::new(playback), &mut |_| {});
-                        begun.map_err(|_| "an experiment began while another was under way")
-                    }
-                    None => Err("an experiment was played, and the recording does not hold its commands"),
-                },
-                TickInput::Policy => self.orders.next_policy(&cycle.duty_source().tracking().policies()),
-                TickInput::Model => self.orders.next_model(&cycle.duty_source().tracking().models()).map(|relay| {
-                    self.relay = relay;
-                }),
-                // What was added stands in each tick's record.
-                TickInput::Explore => Ok(()),
-                TickInput::Other if TickInput::is_overfull(recorded.inputs) => Err(
-                    "there were too many requests before this tick to record: a tick's record holds eight, and the rest cannot be replayed",
-                ),
-                TickInput::Other => Err("something reached the tick that this program cannot replay"),
-            };
+            let known = self.inputs.put_in(cycle, input, recorded.inputs);
             if is_between_sessions(recorded.inputs, at) {
                 // Where no frame comes it counts at once: the session that is opened next would forget it.
                 cycle.waiting(&mut |_| {});

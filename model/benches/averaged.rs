@@ -1,4 +1,4 @@
-//! What averaging buys: time of a table, of a free run of 5 minutes, and how far it is from the detailed plant.
+//! Gain by averaging: time of a table, of a free run of 5 minutes, and how far it is from the detailed plant.
 //!
 //! `cargo bench -p model --bench averaged`. Free runs of 15,000 ticks from 95/−70 kPa under random holds; the first
 //! 2,000 ticks are compared with the detailed plant.

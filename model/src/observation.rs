@@ -68,7 +68,7 @@ pub const MOST_CHANGE_DUTY: f64 = 0.1;
 /// One number per channel: positive, then negative.
 pub type Pair = [f64; CHANNELS];
 
-/// What a policy is told and what its answer means.
+/// Contract of a policy: the numbers that it is told, and the meaning of its answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum ObservationLayout {
     /// Version 1, the paper's: 84 pressures and goals in, duties out.
@@ -105,7 +105,7 @@ impl ObservationLayout {
 pub struct ActionTrajectory(pub [Pair; AHEAD + 1]);
 
 impl ActionTrajectory {
-    /// The same duties now and ahead.
+    /// Trajectory of the same duties now and ahead.
     pub fn held(duty: Pair) -> Self {
         ActionTrajectory([duty; AHEAD + 1])
     }
@@ -115,7 +115,7 @@ impl ActionTrajectory {
         self.0[0]
     }
 
-    /// What was planned, one tick ago, for now and the next four ticks: the input of MPObs.
+    /// Duties that were planned, one tick ago, for now and the next four ticks: the input of MPObs.
     pub fn remaining(&self) -> [Pair; AHEAD] {
         std::array::from_fn(|j| self.0[j + 1])
     }

@@ -12,11 +12,11 @@ const PRESSURE_KPA: [(f32, f32); 2] = [(0.0, 160.0), (-95.0, 0.0)];
 const DUTY: (f32, f32) = (0.0, 1.0);
 /// The fallback's integral part, in duty.
 const INTEGRAL_DUTY: (f32, f32) = (-1.0, 1.0);
-/// What the fallback adds to undo play, in duty.
+/// Range of what the fallback adds to undo play, in duty.
 const PLAY_DUTY: (f32, f32) = (-0.1, 0.1);
 /// Half width of play that the fallback has learned, in duty.
 const WIDTH_DUTY: (f32, f32) = (0.0, 0.1);
-/// How far a duty has come since it last turned round.
+/// Range of a duty's way since it last turned round.
 const TRAVEL_DUTY: (f32, f32) = (-0.15, 0.15);
 
 /// One observation or answer.

@@ -128,7 +128,7 @@ impl<R: Simulated> DualPressureRig<R> {
         self.simulation.tick(&inputs);
     }
 
-    /// What the two sensors read, in kPa gauge.
+    /// Readings of the two sensors, in kPa gauge.
     pub fn readings_kpa(&self) -> [R; CHANNELS] {
         self.ports.sensor.map(|i| self.simulation.reading_kpa(i))
     }
@@ -225,7 +225,7 @@ impl<R: Simulated> Predictor<R> {
         self.observer.undelayed_kpa(&self.model.simulation, measured_kpa)
     }
 
-    /// What the last reading added to each chamber beyond what the model moved it by, in kPa as its sensor reads it: the
+    /// Correction that the last reading made to each chamber beyond the model's own motion, in kPa as its sensor reads it: the
     /// error of the model's last tick. Where a sensor reads what is there, this is the reading less the one foreseen.
     ///
     /// # Real-time
@@ -234,7 +234,7 @@ impl<R: Simulated> Predictor<R> {
         self.observer.added_kpa()
     }
 
-    /// What the sensors read by the model now (kPa gauge): before [`Predictor::observe`] what is foreseen for this tick.
+    /// Readings of the sensors by the model now (kPa gauge): before [`Predictor::observe`] what is foreseen for this tick.
     ///
     /// # Real-time
     /// May run in the tick.

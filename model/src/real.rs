@@ -29,10 +29,10 @@ pub trait Real:
     + Neg<Output = Self>
     + AddAssign
 {
-    /// How many independent rigs one value carries.
+    /// Number of independent rigs that one value carries.
     const LANES: usize;
 
-    /// The same number in every lane.
+    /// Value with one number in every lane.
     fn splat(value: f64) -> Self;
 
     /// Builds a value lane by lane.
@@ -56,13 +56,13 @@ pub trait Real:
     /// The smaller of two numbers, lane by lane; `other` where either is NaN.
     fn at_most(self, other: Self) -> Self;
 
-    /// Whether any lane of `self` exceeds `other`.
+    /// Tells whether any lane of `self` exceeds `other`.
     fn any_above(self, other: Self) -> bool;
 
-    /// Whether every lane of `self` is at least `other`.
+    /// Tells whether every lane of `self` is at least `other`.
     fn all_at_least(self, other: Self) -> bool;
 
-    /// Whether in any lane exactly one of the two numbers is above zero.
+    /// Tells whether in any lane exactly one of the two numbers is above zero.
     fn any_across_zero(self, other: Self) -> bool;
 
     /// Limits to `[low, high]`, lane by lane.
@@ -71,7 +71,7 @@ pub trait Real:
         self.at_least(low).at_most(high)
     }
 
-    /// Whether every lane is finite.
+    /// Tells whether every lane is finite.
     fn is_finite(self) -> bool;
 }
 

@@ -22,7 +22,7 @@ const MOST_TICKS: u32 = 500;
 pub struct ShownReference {
     /// Sensor of each channel that is late; nothing of one that reads what is there.
     sensors: [Option<SensorPath<f64>>; CHANNELS],
-    /// What they remember, in kPa gauge.
+    /// Memory of the sensors, in kPa gauge.
     memory: [f64; CHANNELS * MOST_SENSED],
     /// The reference where it was last known.
     last_kpa: Option<Pair>,
@@ -180,7 +180,7 @@ mod tests {
         }
     }
 
-    /// What is foretold of goals is what is shown of them when they come.
+    /// Goals ahead are foretold as they are shown when they come.
     #[test]
     fn goals_ahead_are_shown_as_they_will_be() {
         let rig = with(&lag("sensor_pos", "time_constant_ms = 160.0"));

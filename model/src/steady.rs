@@ -58,7 +58,7 @@ pub struct SteadyMap {
     sensors: [(f64, f64); CHANNELS],
 }
 
-/// What a chamber takes up per pressure, V/(R T) of one that may be compliant.
+/// Gas that a chamber takes up per pressure, V/(R T) of one that may be compliant.
 #[derive(Debug, Clone, Copy)]
 struct Capacity {
     /// In kg/Pa, extrapolated to no pressure.
@@ -199,7 +199,7 @@ impl SteadyMap {
         self.warm.map(|warm| warm.map_or(f64::NAN, |warm| warm.wall_k()))
     }
 
-    /// The same as [`SteadyMap::duty_for`] with gas at the given temperatures in K, which count where the rig's chamber
+    /// As [`SteadyMap::duty_for`], with gas at the given temperatures in K, which count where the rig's chamber
     /// has an energy balance.
     ///
     /// # Real-time

@@ -1,4 +1,4 @@
-//! What a rig file says lies between a duty that is sent and the flapper that it moves.
+//! Path between a duty that is sent and the flapper that it moves, as a rig file has it.
 
 use crate::mechanism::{Lags, Mechanism, PLAYS};
 use crate::rig::Rig;
@@ -16,7 +16,7 @@ pub struct ValvePath {
     pub half_width_duty: f64,
     /// Half widths of the plays side by side, in duty, where they scatter.
     pub scattered_duty: Option<[f64; PLAYS]>,
-    /// Whether the file says anything of the valve's timing; where it does not, nothing is known.
+    /// True where the file says anything of the valve's timing; where it does not, nothing is known.
     pub is_timed: bool,
 }
 

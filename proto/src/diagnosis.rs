@@ -130,7 +130,7 @@ pub struct Fit {
 pub struct Fits {
     /// The rig as it was given.
     pub nominal: Fit,
-    /// That rig with its parameters fitted.
+    /// Given rig with its parameters fitted.
     pub reidentified: Fit,
     /// With what was found.
     pub extended: Fit,
@@ -225,7 +225,7 @@ pub enum RigKind {
     /// The rig as it was given, for nothing was better on validation data.
     #[default]
     AsGiven,
-    /// That rig with its parameters fitted.
+    /// Given rig with its parameters fitted.
     Fitted,
     /// The rig with what was found, named or not.
     Extended,

@@ -3,6 +3,7 @@
 pub mod atomic_file;
 pub mod diagnosis;
 pub mod emulator;
+pub mod first_signal;
 mod fnv1a;
 pub mod live_line;
 pub mod output;
@@ -12,6 +13,7 @@ pub mod recording;
 pub mod reference;
 pub mod regular_file;
 pub mod rig_file;
+pub mod split_mix;
 pub mod stream;
 pub mod terminal_lines;
 pub mod wire;

@@ -1,35 +1,39 @@
-//! The emulator's random numbers: SplitMix64 (Steele, Lea, Flood, OOPSLA 2014).
+//! Random numbers that a seed stands for, the same on every machine: SplitMix64 (Steele, Lea, Flood, OOPSLA 2014).
 //!
-//! A 64-bit counter with step `0x9E3779B97F4A7C15`, mixed by two multiplications. Small, seeded by any
+//! Seeds go from process to process: into recordings, which are replayed to the bit, and into figures by which policies are compared. So
+//! the numbers behind a seed are a format. A 64-bit counter with step `0x9E3779B97F4A7C15`, mixed by two multiplications. Small, seeded by any
 //! number, and good enough for sensor noise and for dice; not for secrets. Gaussian numbers come by
 //! Box and Muller, r = √(−2 ln u₁) cos 2πu₂, whose last bit depends on the machine's `ln` and `cos`.
 
 const STEP: u64 = 0x9E37_79B9_7F4A_7C15;
 
 /// A SplitMix64 generator.
-#[derive(Debug, Clone)]
-pub(super) struct SplitMix64 {
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SplitMix64 {
     state: u64,
 }
 
 impl SplitMix64 {
     /// The generator of this seed.
-    pub(super) const fn new(seed: u64) -> Self {
+    pub const fn new(seed: u64) -> Self {
         Self { state: seed }
     }
 
     /// The generator of a seed and keys, so that a throw of the dice depends on what it is for and
     /// not on how many were thrown before it.
-    pub(super) fn keyed(seed: u64, keys: &[u64]) -> Self {
+    pub(crate) fn keyed(seed: u64, keys: &[u64]) -> Self {
         let mut generator = Self::new(seed);
         for key in keys {
-            generator = Self::new(generator.next() ^ key);
+            generator = Self::new(generator.next_u64() ^ key);
         }
         generator
     }
 
     /// The next 64 bits.
-    pub(super) const fn next(&mut self) -> u64 {
+    ///
+    /// # Real-time
+    /// May run in the tick: two multiplications.
+    pub const fn next_u64(&mut self) -> u64 {
         self.state = self.state.wrapping_add(STEP);
         let mixed = (self.state ^ (self.state >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
@@ -37,12 +41,15 @@ impl SplitMix64 {
     }
 
     /// Uniform in \[0, 1), 53 bits.
-    pub(super) fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1_u64 << 53) as f64
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn unit(&mut self) -> f64 {
+        (self.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
     /// Gaussian with mean 0 and standard deviation 1.
-    pub(super) fn gaussian(&mut self) -> f64 {
+    pub(crate) fn gaussian(&mut self) -> f64 {
         // 1 - u is in (0, 1]: the logarithm stays finite.
         let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
         radius * (std::f64::consts::TAU * self.unit()).cos()
@@ -64,7 +71,7 @@ mod tests {
             4_593_380_528_125_082_431,
             16_408_922_859_458_223_821,
         ] {
-            assert_eq!(generator.next(), expected);
+            assert_eq!(generator.next_u64(), expected);
         }
     }
 
@@ -85,9 +92,9 @@ mod tests {
 
     #[test]
     fn keys_make_throws_independent_of_their_order() {
-        let first = SplitMix64::keyed(1, &[2, 3]).next();
-        assert_eq!(first, SplitMix64::keyed(1, &[2, 3]).next());
-        assert_ne!(first, SplitMix64::keyed(1, &[3, 2]).next());
-        assert_ne!(first, SplitMix64::keyed(2, &[2, 3]).next());
+        let first = SplitMix64::keyed(1, &[2, 3]).next_u64();
+        assert_eq!(first, SplitMix64::keyed(1, &[2, 3]).next_u64());
+        assert_ne!(first, SplitMix64::keyed(1, &[3, 2]).next_u64());
+        assert_ne!(first, SplitMix64::keyed(2, &[2, 3]).next_u64());
     }
 }

@@ -96,7 +96,7 @@ fn flown<C: Controller>(
     sums.map(|sum| sum / seeds as f64)
 }
 
-/// What other controllers leave on the rig: told the nominal model, and told what `adapt` found.
+/// Errors that other controllers leave on the rig: told the nominal model, and told what `adapt` found.
 fn others(rig: &UnknownRig, found: &Rig, seeds: u64) -> Value {
     let nominal = Rig::builtin("dual_pressure").unwrap();
     let map = |rig: &Rig| Arc::new(SteadyMap::new(rig).unwrap());
@@ -121,7 +121,7 @@ fn others(rig: &UnknownRig, found: &Rig, seeds: u64) -> Value {
     })
 }
 
-/// What any controller must leave, where the rig is known.
+/// Error that any controller must leave, where the rig is known.
 fn optimum(rig: &UnknownRig) -> Option<[f64; 2]> {
     let UnknownRig::Ours(own) = rig else { return None };
     let nominal = Rig::builtin("dual_pressure").unwrap();

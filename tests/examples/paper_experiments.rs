@@ -36,7 +36,7 @@ const TRANSFER_TICKS: usize = 102_400;
 const PUBLISH_EVERY: &str = "5120";
 /// Least time of a tick: what a learner of this size takes for an update and the daemon for its tick, on a core each.
 const LEAST_TICK: Duration = Duration::from_millis(6);
-/// How often the operator switches exploration on again, which a change of the policy ends.
+/// Time after which the operator switches exploration on again, which a change of the policy ends.
 const AGAIN: Duration = Duration::from_secs(2);
 /// Duties between which the random signal lies: the nominal rig then rests at 50 to 137 kPa and -79 to -61 kPa gauge (`simulate`).
 const SIGNAL_DUTY: [f64; 2] = [0.65, 1.0];

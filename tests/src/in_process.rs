@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use controller::config::Config;
-use controller::daemon::{self, DaemonError, Options};
+use controller::daemon::{self, DaemonError, Flight, Options};
 use controller::operator::socket::{Ask, Reply, ask};
 use controller::session::run_length::RunLength;
 use flight::{Recorded, RecordingSummary};
@@ -19,7 +19,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A daemon at work.
 pub struct Daemon {
-    thread: JoinHandle<Result<RecordingSummary, DaemonError>>,
+    thread: JoinHandle<Result<Flight, DaemonError>>,
     stop: Arc<AtomicBool>,
     socket: PathBuf,
     /// Threads called tick that were there before it.
@@ -91,6 +91,6 @@ impl Daemon {
     /// If a thread of it has panicked or the recording was lost.
     pub fn end(self) -> RecordingSummary {
         self.stop.store(true, Ordering::Relaxed);
-        self.thread.join().expect("no panic").unwrap_or_else(|e| panic!("{e}"))
+        self.thread.join().expect("no panic").unwrap_or_else(|e| panic!("{e}")).recording
     }
 }

@@ -1,4 +1,4 @@
-//! What `trainer adapt` refuses before it begins: a folder that is taken, wrong usage, a daemon that is not there.
+//! Refusals of `trainer adapt` before it begins: a folder that is taken, wrong usage, a daemon that is not there.
 //! Nothing is started, written or made then.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 

@@ -27,7 +27,7 @@ fn laboratory(model: &str, lines: &str) -> Laboratory {
     laboratory_on("0,85,-72\n", model, lines)
 }
 
-/// The same on other rows of a reference.
+/// Laboratory on other rows of a reference.
 fn laboratory_on(reference: &str, model: &str, lines: &str) -> Laboratory {
     let plan = Plan::new(&format!(
         "control.auto_arm = true\nrig.file = \"{model}\"\npolicy.directory = \"policies\"\npolicy.active = \"older\"\n{lines}"
@@ -146,7 +146,7 @@ fn the_configuration_may_have_it_fly_and_is_told() {
 mod thorough {
     use super::*;
 
-    /// What controls is tried around the model in force, also where the fallback flew when that model came: what is held against it
+    /// The policy in control is tried around the model in force, also where the fallback flew when that model came: what is held against it
     /// was otherwise held against its flights around another rig.
     #[test]
     #[ignore = "thorough: docs/testing.md"]

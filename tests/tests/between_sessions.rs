@@ -1,4 +1,4 @@
-//! What operators ask for while there is no session counts in the run, so it counts in its replay: an acknowledgement before the next
+//! Orders of operators while there is no session count in the run, so it counts in its replay: an acknowledgement before the next
 //! session leaves nothing to wait for, a disarming keeps the rig from arming itself.
 //!
 //! In lockstep, so that nothing hangs on how busy the machine is.

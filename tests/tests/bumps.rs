@@ -17,19 +17,19 @@ use supervisor::{Arming, Condition, State};
 use tests::coarse_rigs::coarse;
 use tests::lockstep::Flight;
 
-/// What a change may move a duty by beyond what the same tick moves it by in the twin's flight.
+/// Step that a change may add to a duty beyond the move of the same tick in the twin's flight.
 const BUMP_DUTY: f64 = 0.01;
-/// What no command moves by in a tick, whatever happens.
+/// Step that no command exceeds in a tick, whatever happens.
 const SLEW_DUTY: f64 = 0.1;
 /// Ticks that are flown before anything happens: 12 s, of which three are the way to the reference.
 const BEFORE: u32 = 600;
 /// Ticks that are looked at from then on: 4 s.
 const AFTER: u32 = 200;
 
-/// What happens at a tick after [`BEFORE`].
+/// Event at a tick after [`BEFORE`].
 type Event = fn(&mut Flight, u32);
 
-/// What flies at first.
+/// Controller that flies at first.
 #[derive(Clone, Copy)]
 enum Flies {
     Fallback,
@@ -142,7 +142,7 @@ fn nothing_that_takes_over_moves_a_duty_by_a_hundredth_more_than_the_flight_itse
     assert!(bumps.is_empty(), "{bumps:#?}");
 }
 
-/// What waited for a person: from open vents the duties close no faster than the speed limit.
+/// Venting that waited for a person: from open vents the duties close no faster than the speed limit.
 #[test]
 fn arming_after_an_acknowledgement_closes_the_vents_within_the_speed_limit() {
     for flies in [Flies::Fallback, Flies::Policy] {

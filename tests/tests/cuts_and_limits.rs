@@ -58,7 +58,7 @@ fn control(flight: &mut Flight, ticks: u64) {
     panic!("never under control: {:?} {:?}", flight.cycle.state(), flight.cycle.conditions());
 }
 
-/// What gets through no more.
+/// Direction that gets through no more.
 #[derive(Debug, Clone, Copy)]
 enum Cut {
     Both,

@@ -4,20 +4,17 @@
 //! recording must serve a diagnosis, the cRIO is `trainer rig`, a process of its own.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use std::path::PathBuf;
+mod experiment_bench;
+
 use std::process::Command;
-use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use controller::config::Pacing;
+use experiment_bench::{Bench, Set, paper};
 use fit::data::quality::Quality;
 use fit::data::{Records, noise};
-use model::predict::DualPressureRig;
 use model::rig::Rig;
-use proto::emulator::{
-    CrioConfig, EmulatedPlant, Emulator, EmulatorConfig, EmulatorHandle, Event, FaultScript, GroundTruth, Pace,
-    TruthObserver, rig_and_crio,
-};
+use proto::emulator::Pace;
 use proto::recording::{McapContent, Recording, TickRecord, read_mcap};
 use proto::wire::{CrioState, Frame};
 use serde_json::Value;
@@ -28,117 +25,6 @@ use tests::{Folder, RunStatus, Running, alone, finish, program};
 
 /// Generous: how long anything may take on a machine that does other things as well.
 const SOON: Duration = Duration::from_secs(60);
-
-/// Everything that the emulator saw.
-#[derive(Default)]
-struct Seen {
-    ticks: Vec<GroundTruth>,
-    sessions: u32,
-    said_bye: bool,
-}
-
-#[derive(Clone, Default)]
-struct PlaybackReport(Arc<Mutex<Seen>>);
-
-impl TruthObserver for PlaybackReport {
-    fn tick(&mut self, truth: &GroundTruth) {
-        self.0.lock().unwrap().ticks.push(*truth);
-    }
-
-    fn event(&mut self, event: &Event) {
-        let mut seen = self.0.lock().unwrap();
-        seen.sessions += u32::from(matches!(event, Event::SessionOpened { .. }));
-        seen.said_bye |= matches!(event, Event::Bye(_));
-    }
-}
-
-/// An emulated cRIO with a rig, and a folder with a configuration for it.
-struct Bench {
-    folder: Folder,
-    config: PathBuf,
-    emulator: EmulatorHandle,
-    seen: PlaybackReport,
-}
-
-/// A rig that takes its time: in lockstep a tick of it lasts a millisecond at least.
-struct Unhurried(DualPressureRig);
-
-impl EmulatedPlant for Unhurried {
-    fn tick(&mut self, duty: [f64; 2], pump_on: bool) {
-        std::thread::sleep(Duration::from_millis(1));
-        self.0.tick(duty, pump_on);
-    }
-
-    fn pressures_gauge_kpa(&self) -> [f64; 2] {
-        self.0.readings_kpa()
-    }
-}
-
-struct Set {
-    rig: Rig,
-    unhurried: bool,
-    pace: Pace,
-    faults: &'static str,
-    relay: bool,
-}
-
-impl Default for Set {
-    fn default() -> Self {
-        Set { rig: paper(""), unhurried: false, pace: Pace::LOCKSTEP, faults: "", relay: true }
-    }
-}
-
-/// The paper's rig, with a mechanism or other lines at the end.
-fn paper(more: &str) -> Rig {
-    Rig::from_toml(&format!("{}\n{more}", model::rig::DUAL_PRESSURE)).unwrap()
-}
-
-impl Bench {
-    fn new(set: Set) -> Self {
-        let (behind, crio) = rig_and_crio(&set.rig).unwrap();
-        let config = EmulatorConfig {
-            crio: CrioConfig { pump_relay: set.relay, ..crio },
-            pace: set.pace,
-            faults: FaultScript::from_toml(set.faults, "faults.toml").unwrap(),
-            ..EmulatorConfig::default()
-        };
-        let seen = PlaybackReport::default();
-        let behind: Box<dyn EmulatedPlant> = if set.unhurried { Box::new(Unhurried(behind)) } else { Box::new(behind) };
-        let emulator = Emulator::bind("127.0.0.1:0", config, behind).unwrap();
-        let emulator = emulator.watched_by(Box::new(seen.clone())).start().unwrap();
-        let pacing = if set.pace == Pace::RealTime { "realtime" } else { "lockstep" };
-        let folder = Folder::new();
-        let config = folder.write(
-            "c.toml",
-            format!(
-                "[link]\naddress = \"{}\"\npacing = \"{pacing}\"\n[record]\ndirectory = \"kept\"\n[control]\nsocket = \"s\"\n",
-                emulator.local_addr()
-            ),
-        );
-        Bench { folder, config, emulator, seen }
-    }
-
-    fn command(&self, csv: &str) -> Command {
-        let csv = self.folder.write("e.csv", csv);
-        let mut command = Command::new(program("controller"));
-        command.arg("experiment").arg(csv).arg("--config").arg(&self.config);
-        command
-    }
-
-    /// The one recording.
-    fn recording(&self) -> PathBuf {
-        let names = self.folder.names("kept");
-        assert!(names.len() == 1 && names[0].starts_with("experiment-") && names[0].ends_with(".mcap"), "{names:?}");
-        self.folder.join("kept").join(&names[0])
-    }
-
-    /// Ends the emulator; what it saw.
-    fn close(self) -> Seen {
-        self.emulator.stop();
-        self.emulator.join().unwrap();
-        std::mem::take(&mut *self.seen.0.lock().unwrap())
-    }
-}
 
 fn constant(rows: usize, duty: f64) -> String {
     csv(&vec![(duty, duty, 1); rows])
@@ -160,7 +46,7 @@ fn aborted_with(status: i32, ended: &RunStatus) -> String {
     ended.stderr.lines().last().unwrap_or_default().to_owned()
 }
 
-/// What holds for every experiment that was cut short: the rows played are the file's first, then both vents are open
+/// Checks of every experiment that was cut short: the rows played are the file's first, then both vents are open
 /// and stay open, and the recording says so and can be read.
 fn check_kept(bench: &Bench, rows: &[ProgrammeRow], line: &str) -> McapContent {
     let path = bench.recording();

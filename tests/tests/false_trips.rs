@@ -40,7 +40,7 @@ enum By {
     Policy,
 }
 
-/// What is followed.
+/// Course that is followed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Course {
     Paper,
@@ -48,7 +48,7 @@ enum Course {
     /// Steps half as far, behind holds five times as long: by then the model's record is of a rig at rest. (Not as far: of 20 rigs three
     /// cannot come from 100 to 70 kPa for as long as the negative reference is at -66 kPa, and are vented for that.)
     RareSteps,
-    /// The same, 5 kPa/s from one to the next.
+    /// Levels for long, 5 kPa/s from one to the next.
     RareMoves,
 }
 
@@ -90,7 +90,7 @@ fn trips(rig: &Rig, model: &Rig, (by, course): (By, Course), ticks: u64, seed: u
     trips_of(Flight::new(rig, cycle, seed), rig, &format!("by {by:?} on {course:?}"), ticks)
 }
 
-/// The same of a flight that is laid out already.
+/// Trips of a flight that is laid out already.
 fn trips_of(mut flight: Flight, rig: &Rig, told_as: &str, ticks: u64) -> Vec<String> {
     let (mut found, mut armed) = (Vec::new(), 0);
     for tick in 0..ticks {

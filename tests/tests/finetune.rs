@@ -106,7 +106,7 @@ fn two_runs_publish_side_by_side_and_a_finished_one_tells_its_figures_again() {
     assert!(settings.contains("steps = 400"), "what was refused is not planned: {settings}");
 }
 
-/// What the fallback did is a policy that corrects nothing; what the rig did while it was vented is left out.
+/// Flights of the fallback count as a policy that corrects nothing; those of a vented rig are left out.
 #[test]
 fn the_fallback_is_learned_from_and_faults_part_the_trajectory() {
     let folder = Folder::new();

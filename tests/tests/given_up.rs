@@ -1,4 +1,4 @@
-//! What is given up although every frame is sound: what only the safety filter keeps within the envelope, and a pressure
+//! Flights that are given up although every frame is sound: a policy that only the safety filter keeps within the envelope, and a pressure
 //! that the open vent does not lower.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 

@@ -32,7 +32,7 @@ struct Pair {
     daemon: Running,
 }
 
-/// What is left of them.
+/// Results of a flight.
 struct Flown {
     folder: Folder,
     report: Value,
@@ -44,7 +44,7 @@ struct Flown {
 enum DaemonEnds {
     /// It still runs when the cRIO is done, and is told to stop.
     WhenTold,
-    /// Nobody tells it once the cRIO is done.
+    /// It ends by itself once the cRIO is done.
     ByItself,
 }
 
@@ -82,7 +82,7 @@ impl Pair {
 }
 
 impl Flown {
-    /// What holds for every flight: not one byte is wrong, the daemon ends well, the recording is whole.
+    /// Checks of every flight: not one byte is wrong, the daemon ends well, the recording is whole.
     fn check(&self) -> proto::recording::McapContent {
         let context = format!("{:#}\n{}", self.report, self.daemon.stderr);
         assert_eq!(self.report["violations"], serde_json::json!([]), "{context}");

@@ -1,4 +1,4 @@
-//! What comes late or not at all, in every state: `docs/safety.md` says what follows, and in real time it does.
+//! Frames that come late or not at all, in every state: `docs/safety.md` says what follows, and in real time it does.
 //!
 //! The test keeps the time of the cRIO, on a machine that has other things to do. So what a flight did is read from its recording,
 //! and one that was disturbed before its fault began, or came out otherwise, is flown again: a machine that stalls does so now and
@@ -22,13 +22,13 @@ use tests::fault_table::{BEGINNINGS, End, FaultRow, Return, WHAT_IS_LATE, fault_
 use tests::scene::{LEAK, SOON, Scene};
 
 const TICK: Duration = Duration::from_millis(20);
-/// How long the daemon is held up so that its command is late (14 ms after the frame was due) and still comes within the tick.
+/// Time for which the daemon is held up, so that its command is late (14 ms after the frame was due) and still comes within the tick.
 const HELD_UP: Duration = Duration::from_millis(16);
 /// Time in which all threads of a stopped process stand: the one that ticks would else answer first.
 const STOPS: Duration = Duration::from_millis(1);
 /// Ticks before a fault: half a second to be armed, and one under control.
 const BEFORE: u32 = 80;
-/// The same where the fallback is to have taken over: three seconds to fill, five to be given up.
+/// Ticks before the fault where the fallback is to have taken over: three seconds to fill, five to be given up.
 const BEFORE_REVERT: u32 = 430;
 /// Ticks after it: what was counted over a hundred ticks is over, and half a second has passed, and another.
 const AFTER: u32 = 160;
@@ -39,7 +39,7 @@ const TRIES: u32 = 6;
 /// Flights at a time.
 const THREADS: usize = 4;
 
-/// What becomes of a tick's frame.
+/// Fate of a tick's frame.
 enum Sent {
     Sound,
     Spoilt(fn(&mut Sense)),
@@ -50,7 +50,7 @@ enum Sent {
     ToASleeper,
 }
 
-/// How each fault of the table is made, given how many ticks of it there were before.
+/// Making of each fault of the table, given how many ticks of it there were before.
 const FAULTS: [(&str, fn(u32) -> Sent); 10] = [
     ("a frame missing", |_| Sent::Nothing),
     ("two frames missing in a row", |_| Sent::Nothing),

@@ -1,4 +1,4 @@
-//! What live viewers are told where there are no ticks: the link is gone, the daemon is gone. Neither what an operator asks for nor
+//! Words for live viewers where there are no ticks: the link is gone, the daemon is gone. Neither what an operator asks for nor
 //! anything else but data makes the data young again.
 //!
 //! In lockstep, so that nothing hangs on how busy the machine is.

@@ -1,4 +1,4 @@
-//! What operators are answered is so: of the vents, of the model in force, of what would be refused.
+//! Answers to operators are true: of the vents, of the model in force, of what would be refused.
 //!
 //! In lockstep, so that nothing hangs on how busy the machine is.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]

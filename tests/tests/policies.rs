@@ -146,7 +146,7 @@ fn a_published_policy_controls_without_a_restart_and_bad_ones_never_do() {
     assert!(ticks.iter().any(|t| t.swap_id == 1) && ticks.iter().any(|t| t.swap_id == 3), "so is what is in force");
 }
 
-/// What goes wrong with the directory is told, and no longer once it is mended; files that are taken away while they wait leave
+/// Trouble with the directory is told, and no longer once it is mended; files that are taken away while they wait leave
 /// nothing behind.
 #[test]
 fn what_was_wrong_with_the_directory_is_over_once_it_is_mended() {
@@ -231,7 +231,7 @@ fn the_newest_is_followed() {
     check_ticks(&laboratory.close().ticks());
 }
 
-/// The same a thousand times: `cargo test --release -p tests --test policies -- --ignored a_thousand --nocapture`.
+/// Swaps a thousand times: `cargo test --release -p tests --test policies -- --ignored a_thousand --nocapture`.
 #[test]
 #[ignore = "takes half an hour"]
 fn a_thousand_swaps_lose_no_tick_and_move_no_duty_too_far() {

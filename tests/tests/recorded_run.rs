@@ -1,4 +1,4 @@
-//! What a run leaves behind, worked with as a person would: replayed, reported, compared, exported.
+//! Files that a run leaves behind, worked with as a person would: replayed, reported, compared, exported.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use std::path::{Path, PathBuf};

@@ -23,7 +23,7 @@ fn course() -> String {
     String::from("time_s,ref_pos_kpa,ref_neg_kpa\n") + &rows.collect::<String>()
 }
 
-/// So many flights of the course on `bench`, by a daemon with further lines of its configuration.
+/// A number of flights of the course on `bench`, by a daemon with further lines of its configuration.
 fn flown(lines: &str, flights: usize) -> Closed {
     let plan = Plan::new(&format!("control.auto_arm = true\nreference.repeat = true\n{lines}"));
     plan.folder.write("reference.csv", course());
@@ -70,7 +70,7 @@ fn flights_teach_the_next_ones_and_the_run_replays() {
 mod thorough {
     use super::*;
 
-    /// What a flight has taught is part of what a correcting policy is shown; learning on from recordings rebuilds it.
+    /// Lessons of a flight are part of what a correcting policy is shown; learning on from recordings rebuilds it.
     #[test]
     #[ignore = "thorough: docs/testing.md"]
     fn finetune_sees_what_a_policy_saw_on_taught_flights() {

@@ -1,5 +1,4 @@
-//! What operators ask of policies is answered and done whatever becomes of the file that says who did what, and is recorded as
-//! what came of it.
+//! Orders of operators on policies are answered and done whatever becomes of the file that says who did what, and are recorded with their outcome.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use std::io::Write;

@@ -1,4 +1,4 @@
-//! What must never happen, tried on the built daemon over a real socket: a cRIO that lies, falls silent, or has a rig behind
+//! Scenarios of what must never happen, on the built daemon over a real socket: a cRIO that lies, falls silent, or has a rig behind
 //! it that does not do what it is told. Sensors have a file of their own (`sensor_scenarios.rs`).
 //!
 //! In lockstep, so that nothing hangs on how busy the machine is: SENSE goes out, the answer comes, the plant moves on.
@@ -301,7 +301,7 @@ fn what_would_not_be_recorded_does_not_arm_itself_and_says_so() {
     scene.end();
 }
 
-/// What a cRIO has no reason to send within a session: told for what it is, dropped, and a third within two seconds ends it.
+/// Frames that a cRIO has no reason to send within a session: told for what it is, dropped, and a third within two seconds ends it.
 #[test]
 fn frames_that_have_no_place_in_a_session_are_told_and_dropped() {
     let mut scene = Scene::under_control("dual_pressure");

@@ -154,7 +154,7 @@ fn the_model_before_may_always_be_had_back_and_no_other_that_foresees_worse() {
     scene.end();
 }
 
-/// What a sensor shows that shows this share of the pressure.
+/// Faults of a sensor that shows this share of the pressure.
 fn gain(share: f64, true_kpa: f64) -> Vec<SensorFault> {
     vec![SensorFault::Offset((share - 1.0) * true_kpa)]
 }
@@ -217,7 +217,7 @@ fn a_sensor_that_sticks_and_still_scatters_while_the_chambers_fill_is_found() {
     }
 }
 
-/// What a channel's sensor is made to show, by tick since it went wrong, true pressures, and what it last showed.
+/// Reading that a channel's sensor is made to show, by tick since it went wrong, true pressures, and what it last showed.
 type Shown = Box<dyn FnMut(u32, [f64; 2], f64) -> f64>;
 
 /// Sensors that are half right: they follow up to a limit, only now and then, only one way, or show the other chamber.

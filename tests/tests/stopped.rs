@@ -31,7 +31,30 @@ fn a_demo_that_is_stopped_within_its_run_leaves_all_it_has() {
         let ended = demo.wait(SOON);
         assert_eq!(ended.status, Some(status), "{ended:?}");
         assert!(ended.stdout.contains("recording  ") && ended.stdout.contains("report     "), "{ended:?}");
+        assert!(ended.stderr.contains("stopped before its 3000 s were over"), "{ended:?}");
         assert!(folder.join("out/flight.mcap").is_file() && folder.join("out/report.html").is_file());
+    }
+}
+
+/// Once a run is whole and recorded, a signal has nothing to stop: the report is written, and the status is the run's own.
+#[test]
+fn a_signal_that_comes_while_the_report_is_written_leaves_the_status_of_the_run() {
+    for signal in ["INT", "TERM"] {
+        let folder = Folder::new();
+        let mut command = Command::new(program("controller"));
+        command.args(["demo", "--fast", "--seconds", "120", "--policy", "fallback", "--out"]).arg(folder.join("out"));
+        let demo = Running::start(&mut command);
+        // The recording gets this name when its last tick is in it. On a machine that has written the report by the next look the
+        // program has ended, which changes nothing in what is asserted.
+        let until = Instant::now() + SOON;
+        while !folder.join("out/flight.mcap").is_file() {
+            assert!(Instant::now() < until, "no whole recording within {SOON:?}");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        demo.signal(signal);
+        let ended = demo.wait(SOON);
+        assert_eq!(ended.status, Some(0), "{ended:?}");
+        assert!(ended.stdout.contains("report     ") && folder.join("out/report.html").is_file(), "{ended:?}");
     }
 }
 

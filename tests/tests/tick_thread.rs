@@ -36,7 +36,7 @@ fn configuration(folder: &Folder, address: &str, pacing: &str, policy: &str) -> 
     folder.write("controller.toml", text)
 }
 
-/// What a thread has done so far.
+/// Count of what a thread has done so far.
 fn counted(task: i32) -> u64 {
     allocations(task).expect("the tick's thread has a name, which was allocated")
 }

@@ -1,4 +1,4 @@
-//! What `run` would refuse `check` finds, and both end with status 2, so that a service is not started again and again.
+//! Configurations that `run` would refuse `check` finds, and both end with status 2, so that a service is not started again and again.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use std::process::Command;

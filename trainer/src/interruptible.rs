@@ -3,12 +3,11 @@
 //! Until the results are written there is nothing to save, so the program ends within a tenth of a second. While they are
 //! written (some milliseconds) it waits for that, and says so.
 
-use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use crate::failure::{Failure, tell};
-use crate::stop_signal::{caught, status};
+use crate::stop_signal::caught;
 
 /// Time between two looks at the signals.
 const LOOK: Duration = Duration::from_millis(50);
@@ -28,11 +27,10 @@ impl Interruptible {
         std::thread::spawn(move || {
             loop {
                 std::thread::sleep(LOOK);
-                let signal = caught.load(Ordering::Relaxed);
-                if signal != 0 {
+                if let Some(status) = caught.exit_status() {
                     let done = *seen.lock().unwrap_or_else(PoisonError::into_inner);
                     tell(if done { "stopped; the results are written" } else { STOPPED });
-                    std::process::exit(status(signal).into());
+                    std::process::exit(status.into());
                 }
             }
         });

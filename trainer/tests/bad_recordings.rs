@@ -153,7 +153,7 @@ fn check(folder: &Folder, name: &str, text: &str, words: &[&str]) {
     assert!(!std::path::Path::new(&rig).exists(), "{name}");
 }
 
-/// What is wrong; a line of progress may stand before it.
+/// Line that says what is wrong; a line of progress may stand before it.
 fn last_line(said: &str) -> String {
     said.lines().last().unwrap_or_default().to_owned()
 }

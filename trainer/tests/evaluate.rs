@@ -14,7 +14,7 @@ fn table(name: &str) -> String {
     format!("{}/../docs/runs/{name}/table.json", env!("CARGO_MANIFEST_DIR"))
 }
 
-/// What was run without the optimum gets its multiples from a table that has it.
+/// A table that was made without the optimum gets its multiples from a table that has it.
 #[test]
 fn a_comparison_and_the_optimum_are_one_table() {
     let folder = Folder::new("join");

@@ -30,7 +30,7 @@ impl Uniform {
     }
 }
 
-/// What was built instead of it.
+/// Rig that was built instead of it.
 fn built() -> Rig {
     let mut rig = coarse();
     rig.volumes.values_mut().zip([1.04, 0.97]).for_each(|(volume, by)| volume.volume_l *= by);

@@ -50,7 +50,7 @@ fn written(folder: &Folder, name: &str, columns: &[Vec<f64>]) -> String {
     folder.with(name, format!("time_s,{}\n{rows}", NAMES.join(",")))
 }
 
-/// What the first strokes into empty chambers are off by in an averaged pump was taken for another volume, or a delay.
+/// The error of an averaged pump in the first strokes into empty chambers was taken for another volume, or a delay.
 #[test]
 fn a_sound_rig_that_starts_with_the_recording_lacks_nothing() {
     let folder = Folder::new("starts");

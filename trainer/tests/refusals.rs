@@ -60,7 +60,7 @@ fn results_that_have_no_place_are_refused_before_the_work() {
     assert_eq!(std::fs::read_dir(folder.path("")).unwrap().count(), 1, "nothing is left");
 }
 
-/// What a run that is gone on with cannot honour is refused, and not passed over in silence.
+/// Settings that a run which is gone on with cannot honour are refused, and not passed over in silence.
 #[test]
 fn a_run_that_is_gone_on_with_takes_no_other_settings() {
     for (command, options) in [
@@ -78,7 +78,7 @@ fn a_run_that_is_gone_on_with_takes_no_other_settings() {
     }
 }
 
-/// What a command that begins from any policy says of a file that is not there names every kind that it takes.
+/// A command that begins from any policy names every kind of file that it takes where one is not there.
 #[test]
 fn a_policy_that_is_not_there_is_told_with_what_would_do() {
     let folder = Folder::new("no-policy");

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use program::{Csv, Folder, elsewhere, refused, run, sound};
 
-/// What users are promised; free runs at the default `--refine` are converged to a fifth of it.
+/// Error that users are promised; free runs at the default `--refine` are converged to a fifth of it.
 const TOLERANCE_KPA: f64 = 0.01;
 
 fn traces_in(folder: &Path) -> Vec<PathBuf> {

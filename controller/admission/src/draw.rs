@@ -1,20 +1,19 @@
-//! Random numbers that are the same on every machine and in every version of a library.
+//! Draws from ranges, the same on every machine and in every version of a library.
 
-/// Sebastiano Vigna's SplitMix64 generator.
+use proto::split_mix::SplitMix64;
+
+/// Draws that a seed stands for.
 #[derive(Debug, Clone)]
-pub(crate) struct Draw(u64);
+pub(crate) struct Draw(SplitMix64);
 
 impl Draw {
     pub(crate) fn new(seed: u64) -> Self {
-        Draw(seed)
+        Draw(SplitMix64::new(seed))
     }
 
     /// Uniform in 0 … 1, on 53 bits.
     pub(crate) fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+        self.0.unit()
     }
 
     /// Uniform in −1 … 1.

@@ -20,9 +20,6 @@ const END_NS: u64 = 1 << 36;
 /// Number of bins: one octave's worth for the exact values, then 29 octaves.
 const BINS: usize = ((36 - SUB_BITS + 1) as usize) << SUB_BITS;
 
-/// The most by which a percentile may be told too large, as a share of it.
-pub const RESOLUTION: f64 = 1.0 / SUB as f64;
-
 /// Counts of durations.
 #[derive(Debug, Clone)]
 pub struct DurationHistogram {
@@ -65,11 +62,6 @@ impl DurationHistogram {
     /// The largest value (ns), exactly; `None` without any.
     pub fn max_ns(&self) -> Option<u64> {
         (self.total > 0).then_some(self.most_ns)
-    }
-
-    /// The smallest value (ns), exactly; `None` without any.
-    pub fn min_ns(&self) -> Option<u64> {
-        (self.total > 0).then_some(self.least_ns)
     }
 
     /// The percentile of a share in [0, 1] (ns); `None` without any value.
@@ -122,6 +114,9 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// The most by which a percentile may be told too large, as a share of it: a bin of an octave.
+    const RESOLUTION: f64 = 1.0 / SUB as f64;
+
     #[test]
     fn bins_follow_each_other_without_gap_or_overlap() {
         for bin in 0..BINS {
@@ -169,7 +164,7 @@ mod tests {
             prop_assert!(told >= exact, "{told} < {exact}");
             prop_assert!(told as f64 <= exact as f64 * (1.0 + RESOLUTION), "{told} for {exact}");
             prop_assert_eq!(histogram.max_ns(), values.last().copied());
-            prop_assert_eq!(histogram.min_ns(), values.first().copied());
+            prop_assert_eq!(Some(histogram.least_ns), values.first().copied());
         }
     }
 }

@@ -37,6 +37,7 @@ pub mod oscillation;
 mod prediction_check;
 mod record_error;
 pub mod recorder;
+mod recorder_state;
 mod report_plots;
 pub mod rotation;
 pub mod sink;

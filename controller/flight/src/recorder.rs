@@ -26,10 +26,11 @@ use std::time::{Duration, Instant};
 use proto::recording::{Attachment, EventLevel, RecordingInfo, RecordingWriter, TickRecord, unfinished_path};
 
 use crate::record_error::RecordError;
+use crate::recorder_state::State;
 use crate::rotation::{Destination, OneTape, Rotating, TapeSource};
 use crate::sink::{Event, Queues, RecordSink};
 use crate::tape::{McapTape, Tape};
-use crate::writing::{State, Writing};
+use crate::writing::Writing;
 
 pub use noter::Noter;
 pub use recorder_health::RecorderHealth;

@@ -50,11 +50,6 @@ impl FlightStatistics {
         .trim_end()
         .to_owned()
     }
-
-    /// The table of [`FlightSummary::table`].
-    pub fn final_table(&self) -> String {
-        self.summary().table()
-    }
 }
 
 impl FlightSummary {

@@ -1,10 +1,9 @@
 //! The recorder's thread: empties the queues onto tapes, syncs them once a second, and looks after the disk.
 
 use std::collections::VecDeque;
-use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::mpsc::Receiver;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -13,8 +12,9 @@ use proto::recording::{Attachment, EventLevel, TickRecord};
 use crate::disk::{RetentionClock, free_bytes};
 use crate::record_error::RecordError;
 use crate::recorder::{Observer, Recorded, RecorderOptions};
-use crate::rotation::{Destination, TapeSource};
-use crate::sink::{Event, OrderedEvent, Queues};
+use crate::recorder_state::{State, UNKNOWN_BYTES};
+use crate::rotation::TapeSource;
+use crate::sink::{Event, OrderedEvent};
 use crate::tape::Tape;
 
 /// Between two looks into the queues.
@@ -27,88 +27,6 @@ const WATCH: Duration = Duration::from_millis(250);
 const RETRY: Duration = Duration::from_secs(10);
 /// Events kept until the first tick opens a file.
 const EARLY: usize = 256;
-
-/// Stands for room that is not known.
-pub(crate) const UNKNOWN_BYTES: u64 = u64::MAX;
-
-/// State that the thread and the recorder's handles share.
-#[derive(Debug)]
-pub(crate) struct State {
-    pub(crate) queues: Arc<Queues>,
-    /// The order to finish.
-    pub(crate) stop: AtomicBool,
-    pub(crate) failed: AtomicBool,
-    /// Present faults.
-    pub(crate) error: Mutex<Option<String>>,
-    /// Reason why there is too little room to start anything.
-    pub(crate) no_room: Mutex<Option<String>>,
-    /// Bytes that may still be written where recordings go; [`UNKNOWN_BYTES`] before the first look, and where the system does not tell.
-    pub(crate) free_bytes: AtomicU64,
-    pub(crate) ticks: AtomicU64,
-    pub(crate) events: AtomicU64,
-    pub(crate) lost: AtomicU64,
-    pub(crate) notes_dropped: AtomicU64,
-    pub(crate) files: Mutex<Vec<PathBuf>>,
-    /// Files that are to go into the recording.
-    pub(crate) attach: Mutex<Vec<(Attachment, Parts)>>,
-    /// Limits to be kept from now on.
-    pub(crate) redirected: Mutex<Option<Destination>>,
-    begun: Instant,
-    /// Since when the disk is at work, in ms since `begun`, plus 1; 0 while it is not.
-    busy_since: AtomicU64,
-}
-
-impl State {
-    pub(crate) fn new(queues: Arc<Queues>) -> Self {
-        Self {
-            queues,
-            stop: AtomicBool::new(false),
-            failed: AtomicBool::new(false),
-            error: Mutex::new(None),
-            no_room: Mutex::new(None),
-            free_bytes: AtomicU64::new(UNKNOWN_BYTES),
-            ticks: AtomicU64::new(0),
-            events: AtomicU64::new(0),
-            lost: AtomicU64::new(0),
-            notes_dropped: AtomicU64::new(0),
-            files: Mutex::new(Vec::new()),
-            attach: Mutex::new(Vec::new()),
-            redirected: Mutex::new(None),
-            begun: Instant::now(),
-            busy_since: AtomicU64::new(0),
-        }
-    }
-
-    fn now_ms(&self) -> u64 {
-        u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX - 1)
-    }
-
-    /// Time for which the disk has not answered; zero while it is not asked.
-    pub(crate) fn stalled(&self) -> Duration {
-        match self.busy_since.load(Ordering::Relaxed) {
-            0 => Duration::ZERO,
-            since => Duration::from_millis((self.now_ms() + 1).saturating_sub(since)),
-        }
-    }
-
-    fn working<T>(&self, work: impl FnOnce() -> T) -> T {
-        self.busy_since.store(self.now_ms() + 1, Ordering::Relaxed);
-        let done = work();
-        self.busy_since.store(0, Ordering::Relaxed);
-        done
-    }
-
-    /// Tells the tick whether a run begun now would not be recorded.
-    fn tell_tick(&self, unrecorded: bool) {
-        self.queues.unrecorded.store(unrecorded, Ordering::Release);
-    }
-
-    fn set_error(&self, error: Option<String>) {
-        self.failed.store(error.is_some(), Ordering::Release);
-        self.tell_tick(error.is_some() || self.no_room.lock().unwrap_or_else(PoisonError::into_inner).is_some());
-        *self.error.lock().unwrap_or_else(PoisonError::into_inner) = error;
-    }
-}
 
 /// Parts of a run that an attached file goes into.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -31,7 +31,7 @@ pub(crate) enum Standing {
     Fair,
     /// Worse, and worth a look.
     Worse,
-    /// So much worse that the run cannot be called good.
+    /// Worse by so much that the run cannot be called good.
     FarWorse,
 }
 

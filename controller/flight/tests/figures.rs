@@ -173,7 +173,7 @@ fn stages_count_where_they_ran_and_lateness_where_a_frame_came() {
     assert_eq!(statistics.stage(Stage::Law).total(), 9, "0 ns: it did not run");
     assert_eq!(statistics.stage(Stage::Predict).total(), 0);
     assert_eq!((statistics.lateness().total(), statistics.lateness().max_ns()), (9, Some(3_000)));
-    assert_eq!(statistics.lateness().min_ns(), Some(0), "early is not late");
+    assert_eq!(statistics.lateness().percentile_ns(0.0), Some(0), "early is not late");
     let summary = statistics.summary();
     assert_eq!((summary.stages_us.law.max, summary.stages_us.predict.p50), (Some(0.9), None));
     assert_eq!((summary.compute_us_p50, summary.compute_us_max), (Some(400.0), Some(400.0)));
@@ -226,7 +226,7 @@ fn lines_keep_their_columns_and_the_table_says_what_was_asked() {
     let column = |line: &str| line.find("-69.92").or(line.find("-70.00 ->"));
     assert_eq!(column(&first), column(&second), "{first}\n{second}");
     assert!(first.len() <= 80 && FlightStatistics::live_header().len() <= 80);
-    let table = statistics.final_table();
+    let table = statistics.summary().table();
     for words in ["RMSE", "largest error", "99.9 %", "deadlines missed 0", "Verdict: worth a look."] {
         assert!(table.contains(words), "{words}: {table}");
     }

@@ -166,7 +166,7 @@ fn a_file_that_is_taken_away_is_told_at_once_and_recording_goes_on_in_another() 
         wait_until("it is told", || seen.lock().unwrap().contains(word));
         // Looked at four times a second; the bound is for a busy machine.
         assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
-        wait_until("it goes on", || recorder.health().healthy());
+        wait_until("it goes on", || recorder.health().error().is_none());
         push(&mut sink, 5..9);
         let health = recorder.health();
         assert_eq!(health.last_finished(), None);
@@ -192,7 +192,7 @@ fn a_folder_that_is_replaced_is_known_and_bars_arming() {
         wait_until("a flushed file", || folder.files().iter().any(|f| read_mcap(f).is_ok_and(|c| c.ticks.len() == 5)));
         std::fs::remove_dir_all(&folder.0).unwrap();
         harm(&folder.0);
-        wait_until("it is known", || !recorder.health().healthy());
+        wait_until("it is known", || recorder.health().error().is_some());
         assert!(!sink.would_record());
         assert!(recorder.finish().unwrap_err().to_string().contains("removed"));
         std::fs::remove_file(&folder.0).unwrap();
@@ -207,7 +207,7 @@ fn too_little_room_is_told_and_bars_arming_but_not_recording() {
     wait_until("it is known", || recorder.health().why_not_arm().is_some());
     let why = recorder.health().why_not_arm().unwrap();
     assert!(why.contains("MiB free") && why.contains("min_free_mib"), "{why}");
-    assert!(!sink.would_record() && recorder.health().healthy());
+    assert!(!sink.would_record() && recorder.health().error().is_none());
     push(&mut sink, 0..3);
     // Room again: other limits.
     recorder.redirect(destination(&folder.0));

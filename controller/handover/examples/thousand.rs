@@ -17,13 +17,14 @@ mod loop_on_bench;
 use std::collections::BTreeMap;
 
 use admission::{Examiner, Limits, SignatureRule, signatures};
-use corpus::{Draw, export, network, perturbed, proportional, shipped};
+use corpus::{export, network, perturbed, proportional, shipped};
 use handover::{Candidate, Command, Haste, PolicyEvent};
 use loop_on_bench::{ENVELOPE, Loop, policy};
 use model::observation::ObservationLayout::{Correction, Paper};
 use model::observation::Pair;
 use model::rig::Rig;
 use proto::reference::Reference;
+use proto::split_mix::SplitMix64;
 
 /// Errors over the fallback's: as good, for the noise of one flight; and what the ramp's test is built to refuse.
 const BADNESS: [f64; 2] = [1.1, 1.5];
@@ -32,8 +33,8 @@ const MOST_TICKS: u32 = 30_000;
 
 /// A bad policy: what it is, and its file.
 fn bad(number: u64) -> (&'static str, Vec<u8>) {
-    let mut draw = Draw(number);
-    let signed = |draw: &mut Draw| 2.0 * draw.unit() as f32 - 1.0;
+    let mut draw = SplitMix64::new(number);
+    let signed = |draw: &mut SplitMix64| 2.0 * draw.unit() as f32 - 1.0;
     match number % 5 {
         0 => {
             let gain = 0.3 + 3.0 * draw.unit() as f32;
@@ -124,7 +125,7 @@ fn main() {
     let (layout, graph) = network(&shipped());
     let mut arrived = 0;
     for number in 0..betters {
-        let bytes = export(layout, &perturbed(&graph, 3.0 * Draw(number).unit(), 5_000 + number));
+        let bytes = export(layout, &perturbed(&graph, 3.0 * SplitMix64::new(number).unit(), 5_000 + number));
         let (fate, most, ticks) = fate(&examiner, &bytes, 7_000 + number);
         if fate == "active" {
             arrived += 1;

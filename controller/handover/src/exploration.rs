@@ -16,6 +16,7 @@ use model::observation::{ACTION_LEN, CHANNELS, Pair};
 use policy::{Channel, Policy};
 use proto::policy_metadata::{EXPLORATION_STD_KEY, exploration_std};
 use proto::recording::PLANNED_OUTPUTS;
+use proto::split_mix::SplitMix64;
 use serde::{Deserialize, Serialize};
 
 /// Noise beyond this many standard deviations is cut off there (chosen: one draw in 22).
@@ -131,7 +132,7 @@ pub struct Exploration {
     shown: ExplorationShown,
     plan_std: [f64; PLANNED_OUTPUTS],
     most_duty: f64,
-    state: u64,
+    draws: SplitMix64,
 }
 
 impl Exploration {
@@ -151,7 +152,7 @@ impl Exploration {
         let most_duty = std_duty.map(|std| most(std, rules.most_duty));
         let shown = ExplorationShown { seed: rules.seed, std_duty, std_from, most_duty };
         let plan_std = std::array::from_fn(|j| stated[CHANNELS + j]);
-        Exploration { shown, plan_std, most_duty: rules.most_duty, state: u64::from(rules.seed) }
+        Exploration { shown, plan_std, most_duty: rules.most_duty, draws: SplitMix64::new(u64::from(rules.seed)) }
     }
 
     /// Exploration as it is shown.
@@ -183,19 +184,11 @@ impl Exploration {
 
     /// Two draws from N(0, 1), by Box and Muller.
     fn two_normal(&mut self) -> Pair {
-        let [radius, angle] = [(); 2].map(|()| self.unit());
+        let [radius, angle] = [(); 2].map(|()| self.draws.unit());
         // 1 − u is in (0, 1], so the logarithm stays finite.
         let radius = (-2.0 * (1.0 - radius).ln()).sqrt();
         let (sine, cosine) = (std::f64::consts::TAU * angle).sin_cos();
         [radius * cosine, radius * sine]
-    }
-
-    /// Uniform in \[0, 1): SplitMix64 (Steele, Lea, Flood, OOPSLA 2014), 53 bits of it.
-    fn unit(&mut self) -> f64 {
-        self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mixed = (self.state ^ (self.state >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((mixed ^ (mixed >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
     }
 }
 

@@ -45,7 +45,7 @@ const SETTLED_S: f64 = 60.0;
 enum Gas {
     /// The gas's temperature, tick by tick.
     Followed,
-    /// That the chambers have long been where they are wanted.
+    /// The chambers are taken to have long been where they are wanted.
     LongSettled,
 }
 

@@ -131,19 +131,6 @@ impl SafetyFilter {
         })
     }
 
-    /// Starts anew at measured pressures (kPa gauge), with `duty` long in force.
-    ///
-    /// # Real-time
-    /// As much as two looks ahead; may run in the tick.
-    pub fn restart(&mut self, measured_kpa: Pair, duty: Pair) {
-        self.readings_kpa = [measured_kpa; RATE_TICKS + 1];
-        self.paths = duty.map(ActuatorPath::at_rest);
-        self.last = duty;
-        self.past = [(measured_kpa, duty); PAST_TICKS];
-        self.begin_anew();
-        self.rigs.correct(measured_kpa.map(Eight::splat));
-    }
-
     /// Goes on where another filter, on another model, stands: limits, readings, commands and counts.
     ///
     /// # Real-time

@@ -14,6 +14,7 @@ use model::rig::Rig;
 use model::steady::SteadyMap;
 use proto::emulator::{PSE540A_R06, PSE541A_R06, Sensors};
 use proto::reference::Reference;
+use proto::split_mix::SplitMix64;
 use safety_filter::{Envelope, Intervention, SafetyFilter, SlewLimit};
 
 /// Duties of a tick from its number and the readings in kPa gauge.
@@ -23,32 +24,21 @@ const ENVELOPE: Envelope = Envelope { max_pos_kpa: 160.0, min_neg_kpa: -95.0 };
 /// Scatter of readings, five standard deviations of the converter's noise: 0.06 and 0.006 kPa each.
 const SCATTER_KPA: Pair = [0.3, 0.03];
 
-/// Vigna's SplitMix64.
-struct Draw(u64);
-
-impl Draw {
-    fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn about(&mut self, value: &mut f64, share: f64) {
-        *value *= 1.0 + share * (2.0 * self.unit() - 1.0);
-    }
+/// Puts a value somewhere within a share of itself.
+fn vary(value: &mut f64, share: f64, draw: &mut SplitMix64) {
+    *value *= 1.0 + share * (2.0 * draw.unit() - 1.0);
 }
 
 /// Number `number` of the rigs around `bench`: volumes and flows by 10 %, mechanisms from nothing to 1.5 times.
 fn drawn(number: u64) -> Rig {
-    let mut draw = Draw(number);
+    let mut draw = SplitMix64::new(number);
     let mut rig = Rig::builtin("bench").unwrap();
     for volume in rig.volumes.values_mut() {
-        draw.about(&mut volume.volume_l, 0.1);
+        vary(&mut volume.volume_l, 0.1, &mut draw);
     }
     for valve in rig.valves.values_mut() {
         let mut scale = 1.0;
-        draw.about(&mut scale, 0.1);
+        vary(&mut scale, 0.1, &mut draw);
         valve.input_area_mm2 *= scale;
         valve.pressure_area_mm2_per_n *= scale;
         valve.spring_area_mm2 *= scale;
@@ -79,9 +69,6 @@ fn fly(rig: &Rig, seconds: f64, controller: &mut dyn FnMut(u32, Pair) -> Pair) -
         farthest = [farthest[0].max(truth[0]), farthest[1].min(truth[1])];
         let volts = sensors.sample(truth, [&[], &[]]);
         let measured: Pair = std::array::from_fn(|c| scales[c].gauge_kpa(f64::from(volts[c])));
-        if tick == 0 {
-            filter.restart(measured, last);
-        }
         filter.observe(measured);
         let asked = controller(tick, measured);
         let sent = filter.limit(asked);
@@ -111,7 +98,7 @@ fn no_controller_leaves_the_envelope(rigs: std::ops::Range<u64>) {
             let duty = map.duty_for([90.0, -72.0], [0.0; CHANNELS]);
             [duty[0] - 0.05 * (measured[0] - 90.0), duty[1] - 0.05 * (measured[1] + 72.0)]
         };
-        let mut draw = Draw(1_000 + number);
+        let mut draw = SplitMix64::new(1_000 + number);
         let mut held: Pair = [0.0; CHANNELS];
         let controllers: [(&str, Decide<'_>); 6] = [
             ("always 0", &mut |_, _| [0.0; CHANNELS]),

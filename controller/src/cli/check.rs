@@ -51,7 +51,7 @@ pub(super) fn check(file: &Path, as_json: bool) -> Result<(), Failure> {
             (None, Some(condition)) => format!("it never came under control: it was not armed ({})", condition.name()),
             (None, None) => "it never came under control".to_owned(),
         };
-        return Err(Failure::work(format!(
+        return Err(Failure::not_good(format!(
             "{}: not good: simulated on its own model for 20 s, {what}; `controller demo` with this reference shows why",
             file.display()
         )));

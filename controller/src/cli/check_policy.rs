@@ -70,7 +70,7 @@ fn failure(file: &Path, refusal: &Refusal) -> Failure {
     };
     match refusal.stage {
         Stage::File | Stage::Signature | Stage::Network => Failure::input(line),
-        _ => Failure::work(line),
+        _ => Failure::not_good(line),
     }
 }
 
@@ -146,7 +146,7 @@ mod tests {
         let refused = check.run();
         std::fs::remove_file(&path).unwrap();
         let failure = refused.unwrap_err();
-        assert_eq!(failure.status, 2);
+        assert_eq!(failure.status(None), 2);
         let beginning = format!("{} (--rig): sensors.sensor_neg.range_v: ", path.display());
         assert!(failure.line.starts_with(&beginning), "{}", failure.line);
     }

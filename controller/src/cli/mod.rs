@@ -132,25 +132,50 @@ enum Command {
     },
 }
 
-/// Exit status where usage or input are wrong.
-const REFUSED: u8 = 2;
+/// Kind of a failure, which gives the exit status.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum FailureKind {
+    /// Usage or input are wrong.
+    Refused,
+    /// The work was not done to its end.
+    Undone,
+    /// The work was done, and its result is not good.
+    NotGood,
+}
 
 /// Failure of a command.
 #[derive(Debug)]
 pub(crate) struct Failure {
-    /// 1: the work failed; 2: wrong usage or bad input.
-    pub(crate) status: u8,
+    kind: FailureKind,
     /// One or two plain lines.
     pub(crate) line: String,
 }
 
 impl Failure {
-    fn work(error: impl ToString) -> Self {
-        Failure { status: 1, line: error.to_string() }
+    fn input(error: impl ToString) -> Self {
+        Failure { kind: FailureKind::Refused, line: error.to_string() }
     }
 
-    fn input(error: impl ToString) -> Self {
-        Failure { status: REFUSED, line: error.to_string() }
+    fn work(error: impl ToString) -> Self {
+        Failure { kind: FailureKind::Undone, line: error.to_string() }
+    }
+
+    /// A run that was stopped before these seconds were over.
+    fn stopped_run(seconds: f64) -> Self {
+        Failure::work(format!("stopped before its {seconds} s were over; what was recorded is kept"))
+    }
+
+    fn not_good(error: impl ToString) -> Self {
+        Failure { kind: FailureKind::NotGood, line: error.to_string() }
+    }
+
+    /// Exit status. `stopped` is that of the signal which asked for the end, if one did: it is the status of work that was left undone.
+    pub(crate) fn status(&self, stopped: Option<u8>) -> u8 {
+        match self.kind {
+            FailureKind::Refused => 2,
+            FailureKind::Undone => stopped.unwrap_or(1),
+            FailureKind::NotGood => 1,
+        }
     }
 }
 
@@ -204,36 +229,10 @@ impl From<DaemonError> for Failure {
     }
 }
 
-/// Meaning of a signal that ends a command in order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum WhenStopped {
-    /// It has no end of its own, and is done when it is stopped.
-    Done,
-    /// It comes to an end by itself: to stop it is to leave it undone.
-    Undone,
-    /// It comes to an end by itself, and fails where it is left undone: where it succeeds, the signal came too late.
-    FailsIfUndone,
-}
-
-impl WhenStopped {
-    /// Tells whether the exit status is the signal's. A refusal keeps its own.
-    pub(crate) fn is_undone(self, outcome: &Result<(), Failure>) -> bool {
-        match (self, outcome) {
-            (_, Err(failure)) if failure.status == REFUSED => false,
-            (WhenStopped::Done, _) | (WhenStopped::FailsIfUndone, Ok(())) => false,
-            (WhenStopped::Undone | WhenStopped::FailsIfUndone, _) => true,
-        }
-    }
-}
-
 impl Arguments {
-    /// Meaning of a signal that ends this command.
-    pub(crate) fn when_stopped(&self) -> WhenStopped {
-        match self.command {
-            Command::Run { seconds: None, .. } | Command::Live(_) => WhenStopped::Done,
-            Command::Experiment(_) => WhenStopped::FailsIfUndone,
-            _ => WhenStopped::Undone,
-        }
+    /// Tells whether this command comes to an end by itself, so that a signal can leave it undone. Another is done when it is stopped.
+    pub(crate) fn has_an_end(&self) -> bool {
+        !matches!(self.command, Command::Run { seconds: None, .. } | Command::Live(_))
     }
 
     /// Does what was asked for.
@@ -264,6 +263,21 @@ impl Arguments {
             Command::Reference { file, target } => target.reference(&file),
             Command::Generate { folder } => manual::write(Arguments::command(), &folder)
                 .map_err(|e| Failure::work(format!("{}: {e}", folder.display()))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A signal that comes while the report of a whole run is written leaves the run as good, or as bad, as it was.
+    #[test]
+    fn only_undone_work_has_the_status_of_the_signal_that_came() {
+        for (failure, status, with_sigterm) in
+            [(Failure::input("x"), 2, 2), (Failure::work("x"), 1, 143), (Failure::not_good("x"), 1, 1)]
+        {
+            assert_eq!((failure.status(None), failure.status(Some(143))), (status, with_sigterm), "{failure:?}");
         }
     }
 }

@@ -90,7 +90,7 @@ impl ReplayArgs {
             tell(format_args!("{note}"));
         }
         if let Some(first) = &found.first {
-            return Err(Failure::work(format!(
+            return Err(Failure::not_good(format!(
                 "the first difference is at tick {} of session {:08X} (the {}. of the recording), in the {}: {}",
                 first.tick,
                 first.session,
@@ -100,7 +100,7 @@ impl ReplayArgs {
             )));
         }
         match found.missing() {
-            Some(why) => Err(Failure::work(format!("not all was compared: {why}"))),
+            Some(why) => Err(Failure::not_good(format!("not all was compared: {why}"))),
             None => Ok(()),
         }
     }

@@ -140,7 +140,7 @@ impl ReportArgs {
         }
         let bad = judged.iter().find(|judged| judged.summary.verdict == Verdict::Bad);
         match bad.and_then(|judged| Some((judged, judged.summary.findings.first()?))) {
-            Some((judged, worst)) => Err(Failure::work(format!("{}: the run was not good: {worst}", judged.name))),
+            Some((judged, worst)) => Err(Failure::not_good(format!("{}: the run was not good: {worst}", judged.name))),
             None => Ok(()),
         }
     }

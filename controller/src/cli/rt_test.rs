@@ -58,7 +58,10 @@ impl RtTestArgs {
         } else {
             say(text(&test, &found));
         }
-        if test.is_good() { Ok(()) } else { Err(Failure::work(verdict(&test))) }
+        if test.seconds() < self.seconds {
+            return Err(Failure::work(format!("stopped after {:.1} of {} s", test.seconds(), self.seconds)));
+        }
+        if test.is_good() { Ok(()) } else { Err(Failure::not_good(verdict(&test))) }
     }
 }
 

@@ -9,7 +9,7 @@ use controller::config::{Config, Pacing};
 use controller::daemon::{self, Options};
 use controller::machine::signals;
 use controller::operator::console::{Admission, Throttle};
-use controller::session::run_length::{Begins, RunClock, RunLength};
+use controller::session::run_length::{Begins, RunClock, RunEnd, RunLength};
 use flight::Recorded;
 use proto::recording::EventLevel;
 
@@ -44,7 +44,7 @@ pub(super) fn run(file: &Path, seconds: Option<f64>) -> Result<(), Failure> {
         observer: Box::new(say_events()),
         stop: Arc::new(AtomicBool::new(false)),
     };
-    let summary = daemon::run(&config, loaded, options)?;
+    let daemon::Flight { recording: summary, end } = daemon::run(&config, loaded, options)?;
     match summary.files.as_slice() {
         [] => tell("no tick came, so nothing was recorded"),
         [file] => tell(format_args!("recorded {} ticks in {}", summary.ticks, file.display())),
@@ -56,7 +56,10 @@ pub(super) fn run(file: &Path, seconds: Option<f64>) -> Result<(), Failure> {
             last.display()
         )),
     }
-    Ok(())
+    match seconds {
+        Some(seconds) if end == RunEnd::Before => Err(Failure::stopped_run(seconds)),
+        _ => Ok(()),
+    }
 }
 
 /// Prints what a person should know, a flood of it throttled; for the recorder's thread.

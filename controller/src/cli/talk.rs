@@ -53,7 +53,7 @@ impl Target {
         match reply.venting {
             Some(Venting::Open) => self.done(text),
             // The work was done, and what was wanted by it is not known to be so.
-            _ => Err(Failure::work(text)),
+            _ => Err(Failure::not_good(text)),
         }
     }
 

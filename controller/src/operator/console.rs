@@ -6,7 +6,7 @@
 //! stop.
 
 use std::io::{self, Write};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
@@ -45,6 +45,19 @@ struct Counts {
     dropped: AtomicU64,
     /// Reason why a result could not be written; a reader that has seen enough is no such reason.
     failed: OnceLock<String>,
+    /// Set where a result found no room until somebody asked the process to stop.
+    given_up: AtomicBool,
+}
+
+/// Reason why not all results were printed.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Unprinted {
+    /// Standard output takes nothing.
+    #[error("standard output cannot be written: {0}")]
+    Failed(String),
+    /// They were not read before somebody asked the process to stop.
+    #[error("stopped before all results were printed: nobody reads standard output")]
+    Stopped,
 }
 
 static CONSOLE: OnceLock<Option<Console>> = OnceLock::new();
@@ -158,6 +171,7 @@ pub fn result(line: impl std::fmt::Display) {
     let begun = Instant::now();
     while let Err(back) = console.offer(Stream::Out, text) {
         if ordered_to_stop() && begun.elapsed() > STOP_TIME {
+            console.counts.given_up.store(true, Ordering::Relaxed);
             return;
         }
         text = back;
@@ -168,11 +182,15 @@ pub fn result(line: impl std::fmt::Display) {
 /// Waits until all is printed: for notices two seconds, for results until somebody asks the process to stop.
 ///
 /// # Errors
-/// Standard output could not be written (a full disk), other than because its reader has gone.
-pub fn finish() -> Result<(), String> {
+/// Standard output could not be written (a full disk), other than because its reader has gone; or nobody read it in time.
+pub fn finish() -> Result<(), Unprinted> {
     let Some(Some(console)) = CONSOLE.get() else { return Ok(()) };
     console.wait();
-    console.counts.failed.get().map_or(Ok(()), |error| Err(format!("standard output cannot be written: {error}")))
+    if let Some(error) = console.counts.failed.get() {
+        return Err(Unprinted::Failed(error.clone()));
+    }
+    let unread = console.waits(Stream::Out) || console.counts.given_up.load(Ordering::Relaxed);
+    if unread { Err(Unprinted::Stopped) } else { Ok(()) }
 }
 
 /// Lets a burst of notices through, then a few a second; the others are counted.

@@ -221,7 +221,7 @@ pub enum SocketError {
         /// Error of the system.
         source: io::Error,
     },
-    /// Nobody answers.
+    /// The socket is silent.
     #[error("{}: no controller answers there ({source}); is it running, and is this its control.socket?", .path.display())]
     Silent {
         /// The socket.

@@ -111,6 +111,20 @@ impl RunLength {
         };
         by_ticks || by_clock
     }
+
+    /// End of a run that ends now.
+    pub fn end(&self, now_ns: u64) -> RunEnd {
+        if self.is_over(now_ns) { RunEnd::Whole } else { RunEnd::Before }
+    }
+}
+
+/// End that a run came to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RunEnd {
+    /// Time was over: the run is whole, whatever is asked for from here on.
+    Whole,
+    /// Time was not over, or it had none.
+    Before,
 }
 
 /// State of a tick for the length of a run: under control or not.
@@ -144,6 +158,7 @@ mod tests {
         let auto = RunLength::seconds(2.0, Begins::WhenArmedOrSoon, RunClock::Lockstep);
         assert_eq!(ends_after(auto, |_| false), Some(150), "cannot be armed");
         assert_eq!(ends_after(RunLength::ENDLESS, |_| true), None);
+        assert_eq!(RunLength::ENDLESS.end(u64::MAX), RunEnd::Before, "who ends it is the end that it has");
     }
 
     #[test]

@@ -37,14 +37,14 @@ use crate::machine::systemd::Notifier;
 use crate::operator::desk::DeskOptions;
 use crate::operator::mailbox::{Status, mailbox};
 use crate::operator::running::Running;
-use crate::operator::socket::{May, SocketError, check_sockets, serve};
+use crate::operator::socket::{May, Served, SocketError, check_sockets, serve};
 use crate::policy_service::{PolicyHandle, ServiceError};
 use crate::replay::run_file::attached;
 use crate::session::attribution::StolenTime;
 use crate::session::link::LinkError;
-use crate::session::live_stream::{self, StreamError};
+use crate::session::live_stream::{self, LiveStream, StreamError, Tap};
 use crate::session::recording_folder::{EXPERIMENT_STEM, check_folder, destination};
-use crate::session::run_length::RunLength;
+use crate::session::run_length::{RunEnd, RunLength};
 use crate::session::run_watch::Watch;
 use crate::session::{Session, run_session};
 
@@ -149,6 +149,16 @@ pub fn attachment(name: &str, media_type: &str, data: impl Into<Vec<u8>>) -> Att
     Attachment { name: name.to_owned(), media_type: media_type.to_owned(), data: data.into() }
 }
 
+/// A run that has ended and is recorded.
+pub struct Flown<H> {
+    /// The recording.
+    pub recording: RecordingSummary,
+    /// The cycle, as it was at the end.
+    pub cycle: Cycle<H>,
+    /// End that the run came to.
+    pub end: RunEnd,
+}
+
 /// Runs a cycle to its end and records it.
 ///
 /// # Errors
@@ -157,7 +167,7 @@ pub fn fly_recorded<H: DutySource + 'static>(
     config: &Config,
     cycle: Cycle<H>,
     logbook: SessionRecorder,
-) -> Result<(RecordingSummary, Cycle<H>), SessionError> {
+) -> Result<Flown<H>, SessionError> {
     let stop = Arc::clone(&logbook.stop);
     let signals = Signals::install(&stop)?;
     // Before anything is made: a second daemon leaves nothing behind.
@@ -191,18 +201,7 @@ pub fn fly_recorded<H: DutySource + 'static>(
         let destination = destination(config, EXPERIMENT_STEM);
         ExperimentLog::new(LogSettings { destination, log_time: info.log_time, config: config_file })
     });
-    let (viewers, state_viewers) = (tap.clone(), tap.clone());
-    let mut observer = observer;
-    let elsewhere = experiments.clone();
-    let observer = move |recorded: Recorded<'_>| {
-        if let Some(experiments) = &elsewhere {
-            experiments.pass(recorded);
-        }
-        if let Some(tap) = &tap {
-            tap.pass(recorded);
-        }
-        observer(recorded);
-    };
+    let observer = passing_on(observer, experiments.clone(), tap.clone());
     let options = RecorderOptions::new(event_text).observer(observer);
     let (recorder, sink) = match &file {
         Some(file) => Recorder::start(file, &info, &attachments, options)?,
@@ -212,25 +211,14 @@ pub fn fly_recorded<H: DutySource + 'static>(
             Recorder::start_in(destination, &info, &attachments, options)?
         }
     };
-    if let Some(tap) = &state_viewers {
+    if let Some(tap) = &tap {
         tap.watch_recorder(recorder.health());
     }
     let memory = lock_memory();
     for remark in remarks {
         recorder.note(now_ns(), EventLevel::Warning, "start", remark);
     }
-    let noter = recorder.noter();
-    let policies = policies
-        .map(|start| {
-            let say = Box::new(move |text| noter.note(now_ns(), EventLevel::Info, "policies", text));
-            let show = Box::new(move |json| {
-                if let Some(tap) = &viewers {
-                    tap.policies(json);
-                }
-            });
-            start(Voices { say, show, keep: keeping(recorder.noter()) }, Arc::clone(&stop))
-        })
-        .transpose()?;
+    let policies = policies.map(|start| start(voices(&recorder, tap.clone()), Arc::clone(&stop))).transpose()?;
     let (mailbox, desk) = mailbox();
     let (reloads, inbox) = channel();
     let desk_options = |may| DeskOptions {
@@ -244,7 +232,7 @@ pub fn fly_recorded<H: DutySource + 'static>(
         followed: logbook.followed.clone(),
         policies: policies.clone(),
         experiments: experiments.clone(),
-        viewers: state_viewers.clone(),
+        viewers: tap.clone(),
         exploration: ExplorationRules {
             seed: 0,
             std_share: config.policy.exploration_std,
@@ -274,40 +262,90 @@ pub fn fly_recorded<H: DutySource + 'static>(
     };
     let thread = std::thread::Builder::new().name("tick".to_owned()).spawn(move || run_session(session))?;
     Watch::new(config, config_file, &recorder, stem, signals, reloads).until_over(&thread, &stop);
-    let mut flown = thread.is_finished().then(|| thread.join());
+    let ticked = thread.is_finished().then(|| thread.join());
     stop.store(true, Ordering::Relaxed);
-    if let Some(served) = served {
-        served.join();
+    Beside { recorder, served, policies, guard, experiments, live }.end(ticked)
+}
+
+/// Result of the tick's thread; `None` where it did not end in its time.
+type Ticked<H> = Option<std::thread::Result<Result<(Cycle<H>, RunEnd), LinkError>>>;
+
+/// Parts of a run beside the tick, which end after it.
+struct Beside {
+    recorder: Recorder,
+    served: Option<Served>,
+    policies: Option<PolicyHandle>,
+    guard: Option<JoinHandle<()>>,
+    experiments: Option<ExperimentLog>,
+    live: Option<LiveStream>,
+}
+
+impl Beside {
+    /// Ends them in the order in which they need each other, once the stop flag is set.
+    fn end<H: DutySource>(self, mut ticked: Ticked<H>) -> Result<Flown<H>, SessionError> {
+        if let Some(served) = self.served {
+            served.join();
+        }
+        if let Some(handle) = &self.policies {
+            // Nobody asks any more: what was answered as done stands in the file.
+            handle.policies.settle(AUDITED_WITHIN);
+        }
+        if let Some(guard) = self.guard {
+            // It sleeps for 30 ms at most between two looks at the stop flag.
+            let _ = guard.join();
+        }
+        if let Some(Ok(Ok((cycle, _)))) = &ticked
+            && let Some((level, text)) = cycle.duty_source().verdict()
+        {
+            self.recorder.note(now_ns(), level, VERDICT, text);
+        }
+        let summary = self.recorder.finish();
+        if let Some(experiments) = &self.experiments {
+            // Where one was being played, its recording ends here, too; where one is being finished, that is waited for.
+            let ticked = ticked.as_mut().and_then(|ticked| ticked.as_mut().ok()?.as_mut().ok());
+            experiments.close(unfinished(ticked.and_then(|(cycle, _)| cycle.end_experiment())));
+        }
+        if let Some(live) = self.live {
+            live.join();
+        }
+        let ticked = ticked.ok_or(SessionError::Hung)?.map_err(|_| SessionError::Died)?;
+        let recording = summary?;
+        if ticked.is_err() && recording.ticks == 0 && !recording.files.is_empty() {
+            // There was no link: an empty recording would only puzzle whoever finds it.
+            let _ = std::fs::remove_file(&recording.path);
+        }
+        let (cycle, end) = ticked?;
+        Ok(Flown { recording, cycle, end })
     }
-    if let Some(handle) = &policies {
-        // Nobody asks any more: what was answered as done stands in the file.
-        handle.policies.settle(AUDITED_WITHIN);
+}
+
+/// Passes what is recorded on to experiments and live viewers, too, before the run's own observer.
+fn passing_on(
+    mut observer: Observer,
+    experiments: Option<ExperimentLog>,
+    viewers: Option<Tap>,
+) -> impl FnMut(Recorded<'_>) + Send + 'static {
+    move |recorded| {
+        if let Some(experiments) = &experiments {
+            experiments.pass(recorded);
+        }
+        if let Some(viewers) = &viewers {
+            viewers.pass(recorded);
+        }
+        observer(recorded);
     }
-    if let Some(guard) = guard {
-        // It sleeps for 30 ms at most between two looks at the stop flag.
-        let _ = guard.join();
-    }
-    if let Some(Ok(Ok(cycle))) = &flown
-        && let Some((level, text)) = cycle.duty_source().verdict()
-    {
-        recorder.note(now_ns(), level, VERDICT, text);
-    }
-    let summary = recorder.finish();
-    if let Some(experiments) = &experiments {
-        // Where one was being played, its recording ends here, too; where one is being finished, that is waited for.
-        let cycle = flown.as_mut().and_then(|flown| flown.as_mut().ok()?.as_mut().ok());
-        experiments.close(cycle.map_or_else(|| unfinished(None), |cycle| unfinished(cycle.end_experiment())));
-    }
-    if let Some(live) = live {
-        live.join();
-    }
-    let cycle = flown.ok_or(SessionError::Hung)?.map_err(|_| SessionError::Died)?;
-    let summary = summary?;
-    if cycle.is_err() && summary.ticks == 0 && !summary.files.is_empty() {
-        // There was no link: an empty recording would only puzzle whoever finds it.
-        let _ = std::fs::remove_file(&summary.path);
-    }
-    Ok((summary, cycle?))
+}
+
+/// Places where the service of policies speaks: the recording and live viewers.
+fn voices(recorder: &Recorder, viewers: Option<Tap>) -> Voices {
+    let noter = recorder.noter();
+    let say = Box::new(move |text| noter.note(now_ns(), EventLevel::Info, "policies", text));
+    let show = Box::new(move |json| {
+        if let Some(viewers) = &viewers {
+            viewers.policies(json);
+        }
+    });
+    Voices { say, show, keep: keeping(recorder.noter()) }
 }
 
 /// The last line of an experiment that the end of the run cut short.

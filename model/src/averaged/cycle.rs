@@ -22,7 +22,7 @@ pub(crate) type Eight = Lanes<8>;
 /// Phases at which the ripple is tabled.
 pub(crate) const PHASES: usize = 64;
 
-/// What is found out about eight cells.
+/// Results of eight cells.
 #[derive(Debug, Clone)]
 pub(crate) struct Cells {
     /// Mean flow at the inlet and at the outlet of the whole pump, in kg/s.
@@ -30,7 +30,7 @@ pub(crate) struct Cells {
     pub(crate) delivered: Eight,
     /// Mean gas in all cylinders, in kg.
     pub(crate) content: Eight,
-    /// How much the flows at inlet and outlet change per gas in the cylinders beyond its mean, in 1/s.
+    /// Change of the flows at inlet and outlet per gas in the cylinders beyond its mean, in 1/s.
     pub(crate) drawn_response: Eight,
     pub(crate) delivered_response: Eight,
     /// With what rate that excess disappears, in 1/s.
@@ -63,7 +63,7 @@ struct Ports {
     outlet_ripple: Vec<Eight>,
 }
 
-/// What went through one cylinder since the start of a revolution, at the start of each step and at its end, in kg.
+/// Gas that went through one cylinder since the start of a revolution, at the start of each step and at its end, in kg.
 struct Trace {
     drawn: Vec<Eight>,
     delivered: Vec<Eight>,
@@ -72,7 +72,7 @@ struct Trace {
 
 /// Deviations are taken this small against the pressure: a percent stays in the straight part.
 const NUDGE: f64 = 0.01;
-/// Of the pressure at which gas enters past a spring, this share is begun with; nine tenths are reached on the paper's rig.
+/// Share of the pressure at which gas enters past a spring that is begun with; nine tenths are reached on the paper's rig.
 const EMPTIER: f64 = 0.75;
 /// A stalled cylinder keeps what it has for ever; the relaxation is cut off there.
 const LONGEST_MEMORY: f64 = 0.98;
@@ -171,7 +171,7 @@ impl Bench {
         Eight::splat(1.0 / self.walls.at::<1>(0)[0].pressure_per_mass)
     }
 
-    /// What all pistons together have moved beyond the mean, by the phase of the shaft, in kg.
+    /// Gas that all pistons together have moved beyond the mean, by the phase of the shaft, in kg.
     fn ripple(&self, moved: &[Eight]) -> Vec<Eight> {
         let n = self.steps;
         let whole = moved.last().copied().unwrap_or(Eight::splat(0.0));
@@ -186,7 +186,7 @@ impl Bench {
         ripple
     }
 
-    /// What the pistons see of a ripple, each at its own crank angle, on average; in Pa.
+    /// Ripple as the pistons see it, each at its own crank angle, on average; in Pa.
     fn seen(&self, ripple: &[Eight], pa_per_kg: f64) -> Vec<Eight> {
         let n = self.steps;
         let mut seen = vec![Eight::splat(0.0); n];
@@ -250,7 +250,7 @@ impl Trace {
     }
 }
 
-/// That share where pumps are to be smooth.
+/// Share of laminar flow where pumps are to be smooth.
 const LAMINAR: f64 = 6e-3;
 
 /// Flow through a check valve in kg/s, given its area by √(R T). A function, for a closure would not be compiled for the

@@ -1,4 +1,4 @@
-//! What a pump does at the nodes of its table, worked out where it is asked for.
+//! Flows of a pump at the nodes of its table, worked out where it is asked for.
 //!
 //! A fit moves the pump, or a chamber that it breathes into, in every other run, and each has a table of its own; but a rig's
 //! pressures stay in a part of it, and where absolute pressure matters in a corner. So nodes are worked out eight at a time when a
@@ -95,7 +95,7 @@ impl Places {
     }
 }
 
-/// What one pump does at its nodes; rows one after the other.
+/// Flows of one pump at its nodes; rows one after the other.
 #[derive(Debug)]
 pub(super) struct Grid {
     bench: Bench,

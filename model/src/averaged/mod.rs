@@ -51,7 +51,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub struct PumpTables {
     /// Newest last.
     known: Mutex<Vec<Known>>,
-    /// Whether pumps are smooth in their parameters.
+    /// True where pumps are smooth in their parameters.
     smooth: bool,
 }
 
@@ -74,12 +74,12 @@ impl PumpTables {
         PumpTables { known: Mutex::new(Vec::new()), smooth: true }
     }
 
-    /// How many are remembered.
+    /// Number of those remembered.
     pub fn len(&self) -> usize {
         self.known.lock().unwrap_or_else(PoisonError::into_inner).len()
     }
 
-    /// Whether none is remembered.
+    /// Tells whether none is remembered.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

@@ -4,18 +4,18 @@ use crate::orifice::FlowFunction;
 use crate::plant::{Cylinder, Drive};
 use crate::real::Real;
 
-/// What keeps a check valve shut, in Pa (see [`crate::mechanism::CheckValveCracking`]).
+/// Spring that keeps a check valve shut, in Pa (see [`crate::mechanism::CheckValveCracking`]).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Spring {
     /// Difference below which it is shut.
     pub(crate) cracking_pa: f64,
-    /// What is taken from the difference that drives the flow.
+    /// Pressure that is taken from the difference which drives the flow.
     pub(crate) taken_pa: f64,
     /// Difference beyond the cracking pressure over which it opens; 0 at once.
     pub(crate) opening_pa: f64,
 }
 
-/// What a pump's table depends on, and nothing else.
+/// Numbers that a pump's table depends on, and nothing else.
 #[derive(Debug, Clone)]
 pub(crate) struct PumpGeometry {
     /// Speed in rev/s without load.
@@ -32,7 +32,7 @@ pub(crate) struct PumpGeometry {
     pub(crate) rt: f64,
     /// Effective areas of inlet and outlet check valves in m², lines in series included.
     pub(crate) areas: [f64; 2],
-    /// What keeps them shut (mechanism `check_valve_cracking`).
+    /// Springs that keep them shut (mechanism `check_valve_cracking`).
     pub(crate) springs: [Spring; 2],
     /// Conductance of the rings in kg/(s Pa²) (mechanism `piston_blowby`).
     pub(crate) blowby: f64,
@@ -43,7 +43,7 @@ pub(crate) struct PumpGeometry {
     pub(crate) law: FlowFunction<f64>,
     /// κ of the gas, which `law` follows from.
     pub(crate) heat_capacity_ratio: f64,
-    /// How far a kilogram moves the pressure at the ports, in Pa/kg; 0 where the pressure is given.
+    /// Step by which a kilogram moves the pressure at the ports, in Pa/kg; 0 where the pressure is given.
     pub(crate) inlet_pa_per_kg: f64,
     pub(crate) outlet_pa_per_kg: f64,
     /// Step of the detailed pump in s.
@@ -82,7 +82,7 @@ impl PumpGeometry {
         numbers.iter().chain(&self.phases).map(|number| number.to_bits()).collect()
     }
 
-    /// Whether all flows scale with all pressures: nothing in it knows an absolute pressure.
+    /// Tells whether all flows scale with all pressures: nothing in it knows an absolute pressure.
     pub(crate) fn scales(&self) -> bool {
         self.droop == 0.0 && self.blowby == 0.0 && self.springs.iter().all(|spring| spring.cracking_pa == 0.0)
     }

@@ -15,7 +15,7 @@ use super::pump_geometry::PumpGeometry;
 use crate::plant::lanes_of;
 use crate::real::Real;
 
-/// What the table holds, each per outlet pressure (beyond its spring) or in 1/s.
+/// Quantities that the table holds, each per outlet pressure (beyond its spring) or in 1/s.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Flows<R> {
     /// Mean flow at the inlet and at the outlet in kg/s.
@@ -23,7 +23,7 @@ pub(crate) struct Flows<R> {
     pub(crate) delivered: R,
     /// Mean gas in the cylinders in kg.
     pub(crate) content: R,
-    /// How the two flows grow with gas beyond the mean, in 1/s.
+    /// Growth of the two flows with gas beyond the mean, in 1/s.
     pub(crate) drawn_response: R,
     pub(crate) delivered_response: R,
     /// With what rate gas beyond the mean disappears, in 1/s.
@@ -151,7 +151,7 @@ impl<R: Real> PumpTable<R> {
         (cell, at - R::from_lanes(|lane| cell[lane] as f64))
     }
 
-    /// What a row holds at a place of a cell in each lane. No closure: it would not be compiled for the instruction set
+    /// Values of a row at a place of a cell in each lane. No closure: it would not be compiled for the instruction set
     /// of the tick around it.
     #[inline(always)]
     fn row(&self, row: usize, cell: &[usize; MOST_LANES], t: R) -> [R; QUANTITIES] {
@@ -204,7 +204,7 @@ impl<R: Real> PumpTable<R> {
         [[least_drawn, most_drawn], [least_delivered, most_delivered]]
     }
 
-    /// What nodes of each lane's grid hold per outlet pressure, on straight lines between them.
+    /// Values of nodes of each lane's grid per outlet pressure, on straight lines between them.
     #[inline(always)]
     fn between_nodes<const N: usize>(&self, inlet: R, outlet: R, held: &[impl Held<N>; MOST_LANES]) -> [R; N] {
         let [entering, beyond] = self.beyond_springs(inlet, outlet);
@@ -243,7 +243,7 @@ impl<R: Real> PumpTable<R> {
 /// The most lanes of a bundle.
 const MOST_LANES: usize = 8;
 
-/// What a node of a grid holds of something. A trait and not a closure, for the same reason as [`PumpTable::row`].
+/// Quantity that a node of a grid holds. A trait and not a closure, for the same reason as [`PumpTable::row`].
 trait Held<const N: usize> {
     fn at(&self, grid: &Grid, node: usize) -> [f64; N];
 }

@@ -1,4 +1,4 @@
-//! What could be missing from a rig: every mechanism at every place where it could be attached.
+//! Candidates for what is missing from a rig: every mechanism at every place where it could be attached.
 //!
 //! A search for missing physics goes through this list. Each candidate says which numbers to fit, between
 //! which limits and from which first magnitudes, and turns fitted numbers into an entry of a rig file. What
@@ -17,13 +17,13 @@ pub struct Candidate {
     pub component: String,
     /// Which of its shapes this is, where it has several (`"inlet"`); empty otherwise.
     pub form: &'static str,
-    /// What to fit.
+    /// Parameters to fit.
     pub parameters: Vec<CandidateParameter>,
-    /// Whether pressures change in steps as its first parameter does, so that they have no slope with it.
+    /// True where pressures change in steps as its first parameter does, so that they have no slope with it.
     pub stepped: bool,
     /// Mechanisms at the same component without which this shape is no different from another one; empty for none.
     pub beside: &'static [&'static str],
-    /// Whether this is a richer shape that is only worth trying in place of a plainer one that was found.
+    /// True where this is a richer shape that is only worth trying in place of a plainer one that was found.
     pub refinement: bool,
     template: Mechanism,
     /// Index of each parameter among the mechanism's numbers.
@@ -33,9 +33,9 @@ pub struct Candidate {
 /// A number of a candidate that is to be fitted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CandidateParameter {
-    /// Its key in the rig file.
+    /// Key in the rig file.
     pub key: &'static str,
-    /// Its unit; empty for a bare number.
+    /// Unit; empty for a bare number.
     pub unit: &'static str,
     /// Lowest plausible value.
     pub low: f64,
@@ -45,13 +45,13 @@ pub struct CandidateParameter {
     pub accepted: [f64; 2],
     /// First magnitudes, weak to strong, both signs where it has two; at least one.
     pub starts: Vec<f64>,
-    /// Whether it can be negative.
+    /// True where it can be negative.
     pub signed: bool,
-    /// What is usual, and the standard deviation of its logarithm, where that was measured.
+    /// Usual value, and the standard deviation of its logarithm, where that was measured.
     pub usual: Option<[f64; 2]>,
     /// The effect grows with this power of it.
     pub power: f64,
-    /// Whether what fits best at its lowest value is something faster.
+    /// True where what fits best at its lowest value is something faster.
     pub slow: bool,
 }
 
@@ -120,22 +120,22 @@ impl Form {
         Form { name, mechanism, fitted: fitted.to_vec(), parameters, stepped: false, beside: &[], refinement: false }
     }
 
-    /// The same, stepped in its first parameter.
+    /// Candidate that is stepped in its first parameter.
     pub(crate) fn stepped(self) -> Self {
         Form { stepped: true, ..self }
     }
 
-    /// The same, a richer shape to be tried in place of a plainer one that was found.
+    /// Candidate as a richer shape to be tried in place of a plainer one that was found.
     pub(crate) fn refinement(self) -> Self {
         Form { refinement: true, ..self }
     }
 
-    /// The same, of interest only beside one of these mechanisms.
+    /// Candidate that is of interest only beside one of these mechanisms.
     pub(crate) fn beside(self, beside: &'static [&'static str]) -> Self {
         Form { beside, ..self }
     }
 
-    /// The same with the range and the first magnitudes of parameter `index` times `scale` ([`super::scale`]).
+    /// Candidate with the range and the first magnitudes of parameter `index` times `scale` ([`super::scale`]).
     pub(crate) fn scaled(mut self, index: usize, scale: f64) -> Self {
         if let Some(parameter) = self.parameters.get_mut(index)
             && scale != 1.0
@@ -146,7 +146,7 @@ impl Form {
         self
     }
 
-    /// The same with a range and first magnitudes of parameter `index` that suit the component's size.
+    /// Candidate with a range and first magnitudes of parameter `index` that suit the component's size.
     pub(crate) fn ranging(mut self, index: usize, range: [f64; 2], starts: Vec<f64>) -> Self {
         if let Some(parameter) = self.parameters.get_mut(index) {
             parameter.starts = starts;

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::{Form, Mechanism, Physics, Place};
 use crate::rig::{Number, Rig, numbers};
 
-/// What all leaks are measured by.
+/// Conductance by which all leaks are measured.
 pub(super) const CONDUCTANCE: Number = Number::new("kg/(s Pa²)", 0.0, 1e-9)
     .plausible(1e-17, 1e-13)
     .starts(&[1e-16, 5e-16, 2e-15, 1e-14])

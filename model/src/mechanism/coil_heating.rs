@@ -120,7 +120,7 @@ impl<R: Real> Heat<R> {
         }
     }
 
-    /// What acts of `duty` at heat `heat`.
+    /// Part of `duty` that acts at heat `heat`.
     #[inline(always)]
     pub(crate) fn at(&self, duty: R, heat: R) -> R {
         duty / self.rise.mul_add(heat, R::splat(1.0))

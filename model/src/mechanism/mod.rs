@@ -91,12 +91,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::rig::{MechanismInstance, Number, Numbers, Rig, RigError, WHOLE_RIG};
 
-/// Whether a number is at the value that a rig file leaves out.
+/// Tells whether a number is at the value that a rig file leaves out.
 fn is_zero(number: &f64) -> bool {
     *number == 0.0
 }
 
-/// What a mechanism can be attached to.
+/// Kind of component that a mechanism can be attached to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
     /// A commanded valve.
@@ -138,13 +138,13 @@ impl Place {
     }
 }
 
-/// What every mechanism says about itself.
+/// Facts that every mechanism states of itself.
 pub(crate) trait Physics: Numbers {
-    /// Its id in rig files and diagnoses.
+    /// Id in rig files and diagnoses.
     const ID: &'static str;
-    /// What it can be attached to.
+    /// Kinds of components that it can be attached to.
     const PLACES: &'static [Place];
-    /// Whether it changes the flows of a rig whose pressures and duties stand still.
+    /// True where it changes the flows of a rig whose pressures and duties stand still.
     const SETTLED: bool;
 
     /// Checks what goes beyond the range of a number.
@@ -152,7 +152,7 @@ pub(crate) trait Physics: Numbers {
         Ok(())
     }
 
-    /// Its shapes that a search for missing physics tries at a component of one of its places.
+    /// Shapes that a search for missing physics tries at a component of one of its places.
     fn forms(rig: &Rig, component: &str) -> Vec<Form>;
 }
 
@@ -175,12 +175,12 @@ macro_rules! mechanisms {
                 match self { $(Mechanism::$name(_) => $name::ID,)* }
             }
 
-            /// What it can be attached to.
+            /// Kinds of components that it can be attached to.
             pub fn places(&self) -> &'static [Place] {
                 match self { $(Mechanism::$name(_) => $name::PLACES,)* }
             }
 
-            /// Whether it changes the flows of a rig whose pressures and duties stand still.
+            /// Tells whether it changes the flows of a rig whose pressures and duties stand still.
             pub fn acts_when_settled(&self) -> bool {
                 match self { $(Mechanism::$name(_) => $name::SETTLED,)* }
             }
@@ -269,7 +269,7 @@ mechanisms! {
 }
 
 impl MechanismInstance {
-    /// Whether `other` is the same mechanism at the same place, so that only one of the two can be meant.
+    /// Tells whether `other` is the same mechanism at the same place, so that only one of the two can be meant.
     pub(crate) fn is_twin_of(&self, other: &MechanismInstance) -> bool {
         let apart = match (&self.mechanism, &other.mechanism) {
             (Mechanism::CrossLeak(one), Mechanism::CrossLeak(two)) => one.to != two.to,

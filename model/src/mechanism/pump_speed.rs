@@ -56,7 +56,7 @@ impl Physics for PumpSpeed {
 }
 
 impl PumpSpeed {
-    /// What the stated speed is multiplied by, in the end.
+    /// Factor of the stated speed, in the end.
     pub(crate) fn factor(&self) -> f64 {
         1.0 + 0.01 * self.change_percent
     }

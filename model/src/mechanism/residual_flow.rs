@@ -31,7 +31,7 @@ const MOST_KNOTS: usize = 64;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ResidualFlow {
-    /// How values between the knots are found.
+    /// Shape of the table between its knots.
     #[serde(default)]
     pub shape: Shape,
     /// On a volume: mass flow into it at the knots, in mg/s; left out on a valve.
@@ -44,7 +44,7 @@ pub struct ResidualFlow {
     pub axes: Vec<Axis>,
 }
 
-/// How a table is read between its knots.
+/// Shape of a table between its knots.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Shape {
@@ -59,7 +59,7 @@ pub enum Shape {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Axis {
-    /// What is looked up.
+    /// Variable that is looked up.
     pub variable: Variable,
     /// Whose: a valve's name for `duty` and `difference`, a volume's for `pressure`.
     pub of: String,

@@ -55,7 +55,7 @@ impl ResidualResponse {
         std::f64::consts::TAU * self.natural_frequency_hz
     }
 
-    /// How it moves on in `step_s` under a pressure that stays as it is, exactly.
+    /// Motion in `step_s` under a pressure that stays as it is, exactly.
     pub fn swing(&self, step_s: f64) -> Swing {
         let (angle, zeta) = (self.natural_rad_s() * step_s, self.damping_ratio);
         let squared = (1.0 - zeta * zeta) * angle * angle;
@@ -81,11 +81,11 @@ impl ResidualResponse {
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Swing {
-    /// Of the distance, what is left of it.
+    /// Share of the distance that is left.
     pub keeps: f64,
-    /// Of the speed into the distance, and the other way with the opposite sign.
+    /// Part of the speed that goes into the distance, and the other way with the opposite sign.
     pub turns: f64,
-    /// Of the speed, what is left of it.
+    /// Share of the speed that is left.
     pub damps: f64,
 }
 

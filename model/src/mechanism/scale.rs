@@ -89,7 +89,7 @@ pub(super) fn load_kpa(rig: &Rig, outlet: &str) -> Option<f64> {
     (top_kpa > 0.0).then_some(top_kpa)
 }
 
-/// Whether nothing that the rig file states lets gas into a volume or out of it: a pressure-decay (leak) test.
+/// Tells whether nothing that the rig file states lets gas into a volume or out of it: a pressure-decay (leak) test.
 pub(super) fn is_closed(rig: &Rig, volume: &str) -> bool {
     let at_valve = rig.valves.values().any(|v| v.from == volume || v.to == volume);
     let at_pump = rig.pumps.values().any(|pump| match pump {

@@ -33,7 +33,7 @@ use crate::rig::{Number, Rig, numbers};
 pub struct ValveHysteresis {
     /// Half the distance between the rising and the falling branch, in duty (0 … 0.5).
     pub half_width_duty: f64,
-    /// How far the half widths of five plays side by side reach to either side of it, in duty (0 … 0.5; none is
+    /// Distance by which the half widths of five plays side by side reach to either side of it, in duty (0 … 0.5; none is
     /// narrower than nothing). Left out or zero there is one play.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub spread_duty: f64,
@@ -87,7 +87,7 @@ const MIDDLE: usize = PLAYS / 2;
 pub(crate) struct Play<R> {
     half_width: R,
     spread: R,
-    /// Whether widths scatter in any lane.
+    /// True where widths scatter in any lane.
     is_spread: bool,
 }
 
@@ -123,7 +123,7 @@ impl<R: Real> Play<R> {
         self.out(sum, memory.get(MIDDLE).copied().unwrap_or(sum))
     }
 
-    /// What comes out, of the sum of all plays and the middle one: a lane of one play has the bits it would have by itself.
+    /// Output, from the sum of all plays and the middle one: a lane of one play has the bits it would have by itself.
     #[inline(always)]
     fn out(&self, sum: R, middle: R) -> R {
         let mean = sum * R::splat(1.0 / PLAYS as f64);

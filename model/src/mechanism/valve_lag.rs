@@ -23,14 +23,14 @@ use crate::plant::{Samples, lanes_of};
 use crate::real::Real;
 use crate::rig::{Number, Rig, RigError, numbers};
 
-/// What of a valve is late.
+/// Part of a valve that is late.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Lags {
     /// The current: in front of friction and hysteresis.
     #[default]
     Coil,
-    /// What the current moves: behind them.
+    /// Armature that the current moves, behind them.
     Armature,
 }
 
@@ -46,7 +46,7 @@ impl Lags {
 pub struct ValveLag {
     /// Time constant τ in ms.
     pub time_constant_ms: f64,
-    /// What is late; absent means the coil.
+    /// Part that is late; absent means the coil.
     #[serde(default, skip_serializing_if = "Lags::is_coil")]
     pub lags: Lags,
     /// Time constant of a falling duty over that of a rising one, which `time_constant_ms` then is; absent means 1.

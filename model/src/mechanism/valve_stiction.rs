@@ -22,7 +22,7 @@ use crate::plant::{Samples, lanes_of};
 use crate::real::Real;
 use crate::rig::{Number, Rig, numbers};
 
-/// What of a valve rubs.
+/// Part of a valve that rubs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Rubs {
@@ -48,7 +48,7 @@ pub struct ValveStiction {
     /// ρ: share of the band by which a jump ends short of the duty (0 … 1, below).
     #[serde(default)]
     pub short_of_it: f64,
-    /// What rubs; absent means the plunger.
+    /// Part that rubs; absent means the plunger.
     #[serde(default, skip_serializing_if = "Rubs::is_plunger")]
     pub rubs: Rubs,
 }
@@ -96,7 +96,7 @@ impl<R: Real> Stick<R> {
         self.moved_within(at, pulled, [pulled; 2])
     }
 
-    /// The same while what pulls swings between two ends within a revolution of a pump: where its peaks reach the band, it
+    /// Motion while what pulls swings between two ends within a revolution of a pump: where its peaks reach the band, it
     /// moves at the band's edge.
     #[inline(always)]
     pub(crate) fn moved_within(&self, at: R, pulled: R, [low, high]: [R; 2]) -> R {

@@ -70,7 +70,7 @@ impl Physics for VolumeChange {
 }
 
 impl VolumeChange {
-    /// Whether it joins during a run.
+    /// Tells whether it joins during a run.
     pub(crate) fn is_later(&self) -> bool {
         self.begins_s > 0.0
     }

@@ -30,11 +30,11 @@ const STEPS: usize = 600;
 /// By how much an innovation (all in one unit) moves each estimate.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Gains<R> {
-    /// Of the chamber's pressure.
+    /// Gain on the chamber's pressure.
     pub(crate) pressure: R,
-    /// Of what disturbs it, per tick.
+    /// Gain on what disturbs it, per tick.
     pub(crate) disturbance: R,
-    /// Of the sensor's memory.
+    /// Gains on the sensor's memory.
     pub(crate) memory: [R; MOST_SENSED],
 }
 
@@ -105,7 +105,7 @@ mod tests {
         system
     }
 
-    /// What is left of an error in pressure, rate and sensor dies out, within a second at little noise.
+    /// Errors in pressure, rate and sensor die out, within a second at little noise.
     #[test]
     fn errors_die_out_at_every_noise() {
         for time_constant_s in [0.01, 0.16, 0.6] {

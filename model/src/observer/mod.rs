@@ -38,7 +38,7 @@ struct Channel<R> {
     /// Reading per pressure.
     gain: R,
     noise: ReadingNoise<R>,
-    /// What the model errs by, in Pa per tick.
+    /// Error of the model, in Pa per tick.
     disturbance_pa: R,
     ripple: Ripple<R>,
 }
@@ -76,7 +76,7 @@ pub(crate) struct Observer<R> {
     channels: [Option<Channel<R>>; CHANNELS],
     /// Sensor of each channel in the plant.
     sensors: [usize; CHANNELS],
-    /// What the last reading added to each chamber beyond the model, in kPa as its sensor reads it.
+    /// Correction that the last reading made to each chamber beyond the model, in kPa as its sensor reads it.
     added_kpa: [R; CHANNELS],
 }
 
@@ -105,7 +105,7 @@ impl<R: Simulated> Observer<R> {
         }
     }
 
-    /// The same for one lane.
+    /// As `restart`, for one lane.
     pub(crate) fn restart_lane(&mut self, lane: usize) {
         for channel in self.channels.iter_mut().flatten() {
             let kept = channel.disturbance_pa;
@@ -144,7 +144,7 @@ impl<R: Simulated> Observer<R> {
         }
     }
 
-    /// What the last reading added to each chamber beyond the model's own motion, in kPa as its sensor reads it.
+    /// Correction that the last reading made to each chamber beyond the model's own motion, in kPa as its sensor reads it.
     ///
     /// # Real-time
     /// May run in the tick.
@@ -164,7 +164,7 @@ impl<R: Simulated> Observer<R> {
         }
     }
 
-    /// What the sensors would read now if none lagged or swung, in kPa gauge, with the pump's ripple as they show it; what was
+    /// Readings of the sensors now if none lagged or swung, in kPa gauge, with the pump's ripple as they show it; what was
     /// measured where none does.
     ///
     /// # Real-time

@@ -1,4 +1,4 @@
-//! How noisy a reading is, found while it runs.
+//! Noise of a reading, found while it runs.
 //!
 //! A pressure behind a lag or a swing bends little from tick to tick, white noise a lot: of noise alone the second
 //! difference `y(τ) − 2 y(τ−1) + y(τ−2)` has six times the variance.
@@ -29,7 +29,7 @@ impl<R: Real> ReadingNoise<R> {
         self.before = [R::splat(f64::NAN); 2];
     }
 
-    /// The same for one lane.
+    /// As `restart`, for one lane.
     pub fn restart_lane(&mut self, lane: usize) {
         self.before = self.before.map(|reading| R::from_lanes(|l| if l == lane { f64::NAN } else { reading.lane(l) }));
     }

@@ -1,4 +1,4 @@
-//! What a late sensor makes of a pump's ripple.
+//! A pump's ripple as a late sensor shows it.
 //!
 //! The pump turns about once in a tick, so every tick samples a chamber at much the same place of its ripple. A sensor that
 //! lags shows the mean of the ripple instead. A controller that puts the sampled chamber on its reference would leave the
@@ -50,7 +50,7 @@ impl<R: Real> Ripple<R> {
         (self.before_kpa, self.mean_kpa) = (R::splat(f64::NAN), R::splat(0.0));
     }
 
-    /// The same for one lane.
+    /// As `restart`, for one lane.
     pub(super) fn restart_lane(&mut self, lane: usize) {
         let (before, mean) = (self.before_kpa, self.mean_kpa);
         self.before_kpa = R::from_lanes(|l| if l == lane { f64::NAN } else { before.lane(l) });

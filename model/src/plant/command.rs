@@ -54,7 +54,7 @@ impl<R: Real> Samples<R> {
         }
     }
 
-    /// Whether the duty changes within the tick.
+    /// Tells whether the duty changes within the tick.
     #[inline(always)]
     pub(crate) fn is_spread(&self) -> bool {
         self.spread
@@ -193,7 +193,7 @@ pub(crate) struct CommandPath<R> {
     pub(crate) input: usize,
     /// Where its memory starts.
     pub(crate) memory: usize,
-    /// Whether it draws its current from the supply that all valves share.
+    /// True where it draws its current from the supply that all valves share.
     pub(crate) on_supply: bool,
     /// Operators in the order they act.
     pub(crate) stages: Vec<Stage<R>>,
@@ -252,7 +252,7 @@ impl<R: Real> CommandPath<R> {
         }
     }
 
-    /// Whether a coil in it warms.
+    /// Tells whether a coil in it warms.
     pub(crate) fn warms(&self) -> bool {
         self.stages.iter().any(|stage| matches!(stage, Stage::Heat(_)))
     }

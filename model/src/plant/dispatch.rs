@@ -31,7 +31,7 @@ impl InstructionSet {
         InstructionSet::Baseline
     }
 
-    /// Whether this machine runs it.
+    /// Tells whether this machine runs it.
     pub fn is_available(self) -> bool {
         self == InstructionSet::Baseline || self == Self::detect()
     }
@@ -49,7 +49,7 @@ impl Simulated for Lanes<8> {}
 pub(crate) mod sealed {
     use super::{Filter, InstructionSet, Plant, Scratch, State};
 
-    /// What is compiled for a set, which must be available.
+    /// Code that is compiled for a set, which must be available.
     pub trait Tick: Sized {
         /// One tick.
         #[doc(hidden)]
@@ -61,7 +61,7 @@ pub(crate) mod sealed {
             inputs: &[Self],
         );
 
-        /// What the ripple of averaged pumps adds to a chamber's pressure, [`Plant::ripple_at`].
+        /// Addition of averaged pumps' ripple to a chamber's pressure, [`Plant::ripple_at`].
         #[doc(hidden)]
         fn ripple(
             set: InstructionSet,

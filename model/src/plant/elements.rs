@@ -72,7 +72,7 @@ record! {
         area,
         /// Cracking pressure in Pa.
         cracking,
-        /// What the spring takes from the difference that drives the flow, in Pa.
+        /// Pressure that the spring takes from the difference which drives the flow, in Pa.
         taken,
         /// One over the difference beyond the cracking pressure over which it opens, in 1/Pa.
         inverse_opening,
@@ -84,7 +84,7 @@ record! {
     ShapedVent { up: usize, down: usize, law: usize,
         /// Which command path drives it.
         command: usize,
-        /// Whether anything is in series with it.
+        /// True where anything is in series with it.
         restricted: bool,
         /// Which tabled area comes on top of its own, if any.
         residual: Option<usize>,
@@ -193,11 +193,11 @@ record! {
     }
 }
 
-/// How long a volume takes to join, in s: a cock that is turned, a hose that is plugged in.
+/// Time that a volume takes to join, in s: a cock that is turned, a hose that is plugged in.
 const JOINING_S: f64 = 0.5;
 
 impl<R: Real> Joined<R> {
-    /// How much of it there is `time_s` after the start, in m³: from none to all as 3 s² − 2 s³ of the time it takes, so that
+    /// Part of it that is there `time_s` after the start, in m³: from none to all as 3 s² − 2 s³ of the time it takes, so that
     /// a fit sees a smooth function of when it begins.
     #[inline(always)]
     pub(crate) fn volume_at(&self, time_s: f64) -> R {
@@ -223,7 +223,7 @@ pub(crate) struct AveragedPump<R> {
     /// Temperature of what it delivers, in K.
     pub(crate) temperature: R,
     pub(crate) table: Arc<PumpTable<R>>,
-    /// The same at the speed that it has once warm.
+    /// Table at the speed that it has once warm.
     pub(crate) warm: Option<Arc<PumpTable<R>>>,
 }
 
@@ -291,7 +291,7 @@ record! {
 }
 
 impl<R: Real> Sag<R> {
-    /// What is left of the voltage under a total duty.
+    /// Share of the voltage that is left under a total duty.
     #[inline(always)]
     pub(crate) fn left(&self, total: R) -> R {
         R::splat(1.0) - self.loss * total
@@ -412,7 +412,7 @@ record! {
         relay: Option<usize>,
         /// Inlet and outlet, where the speed falls with their difference (mechanism `pump_droop`).
         droops: Option<(usize, usize)>,
-        /// Whether the speed changes from the start of a run on (mechanism `pump_speed`).
+        /// True where the speed changes from the start of a run on (mechanism `pump_speed`).
         warms: bool,
     } lanes {
         /// Speed in rev/s when on, without load, at the start of a run.

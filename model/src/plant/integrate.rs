@@ -270,7 +270,7 @@ fn rk4<R: Real, const STATES: usize, const NODES: usize, const EXTENDED: bool>(
     y
 }
 
-/// Whether a one-way passage is open at one end of a step and shut at the other, in any lane.
+/// Tells whether a one-way passage is open at one end of a step and shut at the other, in any lane.
 #[inline(always)]
 fn switches<R: Real, const NODES: usize, const EXTENDED: bool>(
     plant: &Plant<R>,

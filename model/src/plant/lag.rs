@@ -11,7 +11,7 @@
 
 use crate::real::Real;
 
-/// What a lag does in one step.
+/// Shares of a lag in one step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Share {
     /// `a`, the share of the distance that is covered (0 … 1).
@@ -21,19 +21,19 @@ pub(crate) struct Share {
 }
 
 impl Share {
-    /// Of a time constant, in one step.
+    /// Shares of a time constant, in one step.
     pub(crate) fn of(time_constant_s: f64, step_s: f64) -> Self {
         let approach = -(-step_s / time_constant_s).exp_m1();
         Share { approach, ahead: 1.0 / approach - time_constant_s / step_s }
     }
 
-    /// Of no lag.
+    /// Shares of no lag.
     pub(crate) fn whole() -> Self {
         Share { approach: 1.0, ahead: 1.0 }
     }
 }
 
-/// What a lagged value comes to while its input goes `from` … `to`.
+/// Value that a lagged one comes to while its input goes `from` … `to`.
 #[inline(always)]
 pub(crate) fn follow<R: Real>(lagged: R, [from, to]: [R; 2], approach: R, ahead: R) -> R {
     let towards = ahead.mul_add(to - from, from);

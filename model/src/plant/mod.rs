@@ -94,7 +94,7 @@ pub(crate) const INSTANTS_PER_STEP: usize = 4;
 pub struct Input {
     /// The column of recordings that holds it.
     pub column: String,
-    /// Its value where a recording has no such column; `None` means the column must be there.
+    /// Value where a recording has no such column; `None` means the column must be there.
     pub default: Option<f64>,
 }
 
@@ -106,7 +106,7 @@ pub struct Plant<R> {
     sensor_columns: Vec<String>,
     step_s: f64,
     steps: usize,
-    /// Whether steps in which a one-way passage opens or shuts are taken again in two halves.
+    /// True where steps in which a one-way passage opens or shuts are taken again in two halves.
     refine: bool,
     states: usize,
     chambers: usize,
@@ -118,7 +118,7 @@ pub struct Plant<R> {
     /// 1/√(R T) by node in s/m.
     inverse_speed: [R; NODES],
     laws: [FlowFunction<R>; LAWS],
-    /// Whether the balances hold anything beyond the paper's: what the integrator is compiled for.
+    /// True where the balances hold anything beyond the paper's: what the integrator is compiled for.
     extended: bool,
     passages: Vec<Passage<R>>,
     spring_checks: Vec<SpringCheck<R>>,
@@ -130,7 +130,7 @@ pub struct Plant<R> {
     muscles: Vec<Muscle<R>>,
     joined: Vec<Joined<R>>,
     averaged: Vec<AveragedPump<R>>,
-    /// Whether duties are taken as their mean over a step: steps are long and duties may jump within them.
+    /// True where duties are taken as their mean over a step: steps are long and duties may jump within them.
     mean_duties: bool,
     sags: Vec<Sag<R>>,
     displacements: Vec<Displacement<R>>,
@@ -192,7 +192,7 @@ impl<R: Real> Plant<R> {
         self.commands.iter().map(|p| if p.on_supply { sent(p) * factor } else { sent(p) }).collect()
     }
 
-    /// What of a chamber's volume has joined it by now, in m³.
+    /// Volume that has joined a chamber by now, in m³.
     #[inline(always)]
     fn joined_to(&self, node: usize, x: &[R; NODES]) -> R {
         let here = self.joined.iter().filter(|joined| joined.node == node);
@@ -206,7 +206,7 @@ impl<R: Real> Plant<R> {
         temperatures.chain(contractions).chain(self.joined.iter().map(|joined| joined.volume))
     }
 
-    /// How far a kilogram of gas at `temperature` K moves the pressure of a node, in Pa/kg; 0 where it is given.
+    /// Step by which a kilogram of gas at `temperature` K moves the pressure of a node, in Pa/kg; 0 where it is given.
     fn pa_per_kg(&self, node: usize, x: &[R; NODES], temperature: R) -> R {
         let p = x.get(node).copied().unwrap_or(self.atmosphere_pa);
         if let Some(chamber) = self.isothermal.iter().find(|c| c.node == node) {
@@ -230,7 +230,7 @@ impl<R: Real> Plant<R> {
     }
 }
 
-/// What a plant remembers from tick to tick.
+/// Memory of a plant from tick to tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct State<R> {
     /// Pressures in Pa (chambers, cylinders), temperatures in K, then given pressures.
@@ -261,13 +261,13 @@ pub struct Scratch<R> {
     duties: Vec<Samples<R>>,
     walls: WallTable<R>,
     speeds: Vec<R>,
-    /// Whether each drive is switched on, 1 or 0.
+    /// Switch of each drive: 1 for on, 0 for off.
     running: Vec<R>,
-    /// How far each drive's speed has come from that at the start of the run to that in the end, 0 … 1.
+    /// Share of the way that each drive's speed has come from that at the start of the run to that in the end, 0 … 1.
     warmth: Vec<R>,
     displacements: Vec<R>,
     feeds: Vec<R>,
-    /// How fast volumes join, in m³/s.
+    /// Rates at which volumes join, in m³/s.
     joining: Vec<R>,
 }
 

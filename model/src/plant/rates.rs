@@ -12,7 +12,7 @@ use crate::mechanism::Stick;
 use crate::orifice::FlowFunction;
 use crate::real::Real;
 
-/// What temperature does to flow, by node; thermal chambers' entries are refreshed at each evaluation.
+/// Factors of temperature in flows, by node; thermal chambers' entries are refreshed at each evaluation.
 pub(crate) struct Gas<R, const NODES: usize> {
     /// Temperature in K.
     pub(crate) temperature: [R; NODES],
@@ -83,7 +83,7 @@ impl<R: Real> ShapedVent<R> {
         if self.restricted { self.in_series(law, lifted, up, down) } else { self.through(law, lifted, up, down) }
     }
 
-    /// The same valve with its ports exchanged, for gas that passes the other way: what pushed the flapper open now pushes it shut.
+    /// Valve with its ports exchanged, for gas that passes the other way: what pushed the flapper open now pushes it shut.
     #[inline(always)]
     fn mirrored(&self) -> Self {
         ShapedVent {

@@ -22,7 +22,7 @@ pub(crate) struct Probe<R> {
     pub(crate) variable: Variable,
     /// Where in the memory its lagged value lives, if it lags.
     pub(crate) memory: Option<usize>,
-    /// Whether the table is over the way from the lagged value to the present one.
+    /// True where the table is over the way from the lagged value to the present one.
     pub(crate) departure: bool,
     /// Share of the distance covered in one step.
     pub(crate) approach: R,
@@ -81,7 +81,7 @@ impl<R: Real> Residual<R> {
 }
 
 impl Variable {
-    /// Its value at instant `k`, for pressures `x` in Pa by node.
+    /// Value at instant `k`, for pressures `x` in Pa by node.
     #[inline(always)]
     pub(crate) fn at<R: Real, const NODES: usize>(
         self,

@@ -8,7 +8,7 @@ use super::{MEMORY, NODES, Plant, State};
 use crate::real::Real;
 
 impl<R: Real> Plant<R> {
-    /// What an averaged pump has drawn and delivered beyond the mean at a phase in revolutions, in kg.
+    /// Gas that an averaged pump has drawn and delivered beyond the mean at a phase in revolutions, in kg.
     #[inline(always)]
     pub(super) fn moved(&self, pump: &AveragedPump<R>, x: &[R; NODES], phase: R) -> [R; 2] {
         pump.table.ripple(self.at_node(x, pump.inlet), self.at_node(x, pump.outlet), phase)
@@ -19,7 +19,7 @@ impl<R: Real> Plant<R> {
         x.get(node).copied().unwrap_or(self.atmosphere_pa)
     }
 
-    /// What gas drawn and delivered (in kg) adds to the pressures at an averaged pump's ports, in Pa.
+    /// Pressure that gas drawn and delivered (in kg) adds to the pressures at an averaged pump's ports, in Pa.
     #[inline(always)]
     pub(super) fn ripple(&self, pump: &AveragedPump<R>, x: &[R; NODES], [drawn, delivered]: [R; 2]) -> [R; 2] {
         let leaving = match self.thermal.iter().find(|c| c.node == pump.inlet) {
@@ -30,7 +30,7 @@ impl<R: Real> Plant<R> {
         [inlet, delivered * self.pa_per_kg(pump.outlet, x, pump.temperature)]
     }
 
-    /// What the ripple of all averaged pumps adds to the pressure of a chamber now, as it is seen through a filter, in Pa.
+    /// Pressure that the ripple of all averaged pumps adds to the pressure of a chamber now, as it is seen through a filter, in Pa.
     #[inline(always)]
     pub(super) fn ripple_at(&self, state: &State<R>, speeds: &[R], node: usize, seen: &Filter<R>) -> R {
         let zero = R::splat(0.0);

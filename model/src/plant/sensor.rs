@@ -19,18 +19,18 @@ record! {
         approach,
         /// Part of the pressure's way in a step that it goes for.
         ahead,
-        /// The same of the second lag, whose way is the first's.
+        /// Approach of the second lag, whose way is the first's.
         second_approach,
         second_ahead,
         /// ω of its answer in rad/s.
         natural,
         /// ζ.
         damping,
-        /// Of the distance, what is left after a step.
+        /// Share of the distance that is left after a step.
         keeps,
-        /// Of the speed into the distance.
+        /// Part of the speed that goes into the distance.
         turns,
-        /// Of the speed, what is left.
+        /// Share of the speed that is left.
         damps,
         /// 1/(ω h): the speed over ω with which it follows what changes by one in a step.
         keeps_up,
@@ -38,25 +38,25 @@ record! {
         share,
         /// Reading per pressure; 1 is right.
         gain,
-        /// What is added to the reading, in kPa.
+        /// Offset of the reading, in kPa.
         bias,
-        /// What is added per second at the start, in kPa/s.
+        /// Rate at which the offset grows at the start, in kPa/s.
         drift,
         /// With what rate the drift comes to rest, in 1/s; 0 is never.
         drift_end,
     }
 }
 
-/// What stands between a chamber's ripple and a reading.
+/// Filter between a chamber's ripple and a reading.
 #[derive(Debug, Clone, Copy)]
 pub struct Filter<R> {
     /// Time constant of a first-order lag in s; 0 for none.
     pub(crate) lag_s: R,
-    /// The same of a second one behind it.
+    /// Time constant of a second lag behind it.
     pub(crate) second_lag_s: R,
     /// 1/ω of a second-order answer in s; 0 for none.
     pub(crate) period_s: R,
-    /// Its damping ratio.
+    /// Damping ratio.
     pub(crate) damping: R,
 }
 
@@ -174,7 +174,7 @@ impl SensorPath<f64> {
 }
 
 impl<R: Real> SensorPath<R> {
-    /// What is added to the reading `time_s` after the start, in kPa.
+    /// Offset of the reading `time_s` after the start, in kPa.
     fn offset(&self, time_s: f64) -> R {
         let drifted = R::from_lanes(|lane| {
             let end = self.drift_end.lane(lane);
@@ -184,7 +184,7 @@ impl<R: Real> SensorPath<R> {
         self.bias + drifted
     }
 
-    /// What it reads at a gauge pressure in kPa, `time_s` after the start.
+    /// Reading at a gauge pressure in kPa, `time_s` after the start.
     pub(crate) fn reading(&self, gauge_kpa: R, time_s: f64) -> R {
         self.gain.mul_add(gauge_kpa, self.offset(time_s))
     }
@@ -194,7 +194,7 @@ impl<R: Real> SensorPath<R> {
         self.second.or(self.memory)
     }
 
-    /// What its lag lets through of a ripple, for steps of `step_s`.
+    /// Filter by which its lag lets a ripple through, for steps of `step_s`.
     pub(crate) fn lag(&self, step_s: f64) -> Filter<R> {
         let of = |place: Option<usize>, approach: R| match place {
             Some(_) => approach.map(|approach| -step_s / (-approach).ln_1p()),

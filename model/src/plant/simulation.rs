@@ -27,7 +27,7 @@ pub struct Simulation<R> {
     set: InstructionSet,
     /// The inputs that cylinders were last settled under, if they were.
     settled: Option<Vec<R>>,
-    /// Whether averaged pumps leave no ripple on the pressures that are read.
+    /// True where averaged pumps leave no ripple on the pressures that are read.
     smooth: bool,
 }
 
@@ -54,7 +54,7 @@ impl<R: Simulated> Simulation<R> {
         simulation
     }
 
-    /// The same with the ripple of averaged pumps left off all pressures: what readings would be at the mean of a turn.
+    /// Simulation with the ripple of averaged pumps left off all pressures: what readings would be at the mean of a turn.
     /// Of use where nobody knows at what angle the crank stood. Without averaged pumps it changes nothing.
     #[must_use]
     pub fn smooth(self) -> Self {
@@ -103,7 +103,7 @@ impl<R: Simulated> Simulation<R> {
         }
     }
 
-    /// What the ripple of averaged pumps adds to the pressure of chamber `index` now, as it is seen through a filter.
+    /// Pressure that the ripple of averaged pumps adds to the pressure of chamber `index` now, as it is seen through a filter.
     fn ripple_pa(&self, index: usize, seen: &Filter<R>) -> R {
         if self.smooth || self.plant.averaged.is_empty() {
             return R::splat(0.0);
@@ -149,7 +149,7 @@ impl<R: Simulated> Simulation<R> {
         }
     }
 
-    /// What sensor `index` reads, in gauge kPa; NaN beyond the last sensor.
+    /// Reading of sensor `index`, in gauge kPa; NaN beyond the last sensor.
     pub fn reading_kpa(&self, index: usize) -> R {
         let Some(sensor) = self.plant.sensors.get(index) else { return R::splat(f64::NAN) };
         let remembered = |place: Option<usize>| place.and_then(|m| self.state.memory.get(m)).copied();
@@ -182,7 +182,7 @@ impl<R: Simulated> Simulation<R> {
         self.gains_in_a_tick(chambers, pressures, inputs)
     }
 
-    /// The same while the pressures come to these from lower ones by `steps_pa` a tick, over so many ticks.
+    /// Gains while the pressures come to these from lower ones by `steps_pa` a tick, over so many ticks.
     pub(crate) fn gains_of_ramped(
         &mut self,
         chambers: &[usize],
@@ -222,7 +222,7 @@ impl<R: Simulated> Simulation<R> {
         chambers.iter().zip(pressures).map(|(chamber, held)| gain(chamber, held)).collect()
     }
 
-    /// What a recording does not tell about its start, in the order of [`Simulation::set_unknown`].
+    /// Numbers that a recording does not tell about its start, in the order of [`Simulation::set_unknown`].
     pub fn unknowns(&self) -> impl Iterator<Item = &UnobservedInitialState> + '_ {
         self.plant.unknowns.iter().map(|placed| &placed.unknown)
     }

@@ -1,4 +1,4 @@
-//! What recordings do not tell about their start, for fits that free it.
+//! Numbers that recordings do not tell about their start, for fits that free it.
 //!
 //! A free run starts from the first readings and the first commands. Whether coils were warm, on which side of its
 //! play a flapper lay, where friction held it, and where the crank stood is not in them. Each such number has a usual
@@ -8,7 +8,7 @@
 /// A number of a run's start that its recording does not tell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UnobservedInitialState {
-    /// What it is and whose: `heat:valve_pos` (0 cold … 1 warm), `play:valve_pos` (−1 … 1: where in its play the
+    /// Kind and component: `heat:valve_pos` (0 cold … 1 warm), `play:valve_pos` (−1 … 1: where in its play the
     /// flapper lies), `stick:valve_pos` (−1 … 1: how far from where its command would put it friction holds it, as a share
     /// of the band), `phase:pump` (crank angle in revolutions).
     pub name: String,
@@ -16,7 +16,7 @@ pub struct UnobservedInitialState {
     pub low: f64,
     /// Highest value.
     pub high: f64,
-    /// What a run starts from unless told otherwise.
+    /// Value that a run starts from unless told otherwise.
     pub usual: f64,
 }
 
@@ -36,7 +36,7 @@ pub(crate) enum Slot {
     Play { path: usize },
     /// The plunger's duty in a command path with dry friction, and all that follows it.
     Stick { path: usize },
-    /// What dry friction holds the flapper of a shaped vent at.
+    /// Place at which dry friction holds the flapper of a shaped vent.
     Held { vent: usize },
     /// The crank of a pump.
     Phase { drive: usize },

@@ -17,7 +17,7 @@ use super::INSTANTS_PER_STEP;
 use super::elements::{Cylinder, Drive, Isothermal};
 use crate::real::Real;
 
-/// What the wall of a volume does at one instant.
+/// State of a volume's wall at one instant.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Wall<R> {
     /// V̇/V in 1/s.

@@ -1,4 +1,4 @@
-//! Whether a rig makes sense: numbers within the range of their unit, joins that lead somewhere.
+//! Checks that a rig makes sense: numbers within the range of their unit, joins that lead somewhere.
 
 use super::error::RigError;
 use super::number::Numbers as _;

@@ -1,4 +1,4 @@
-//! What can be wrong with a rig.
+//! Faults of a rig.
 
 use std::fmt;
 
@@ -9,7 +9,7 @@ pub struct RigError {
     pub line: Option<usize>,
     /// Dotted key, such as `volumes.positive.volume_l`; empty where the file as a whole is meant.
     pub key: String,
-    /// What is wrong and what to write instead.
+    /// Fault, and what to write instead.
     pub problem: String,
 }
 

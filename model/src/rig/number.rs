@@ -1,4 +1,4 @@
-//! What the numbers of a rig mean: unit, accepted and plausible range, how well one knows them beforehand.
+//! Meaning of a rig's numbers: unit, accepted and plausible range, how well one knows them beforehand.
 //!
 //! Each component and each mechanism declares its numbers once, beside its fields. Reading a file checks
 //! them against the accepted range; fits ask for the same numbers by path ([`Rig::parameters`]); a search
@@ -12,9 +12,9 @@ use super::error::RigError;
 /// One number of a component or a mechanism.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Number {
-    /// Its key in the rig file.
+    /// Key in the rig file.
     pub key: &'static str,
-    /// Its unit; empty for a bare number.
+    /// Unit; empty for a bare number.
     pub unit: &'static str,
     /// Lowest and highest value that a file may hold: beyond, it cannot be meant.
     pub accepted: [f64; 2],
@@ -22,18 +22,18 @@ pub struct Number {
     pub plausible: [f64; 2],
     /// Standard deviation of a careful first guess, as a share of the value (for a mechanism, of a magnitude).
     pub prior_sd: f64,
-    /// What a value outside the accepted range usually means.
+    /// Usual meaning of a value outside the accepted range.
     pub hint: &'static str,
     /// First magnitudes for a fit of a mechanism, weak to strong; empty for components.
     pub starts: &'static [f64],
     /// For a magnitude of a mechanism that was measured on parts of its kind: what is usual, and the standard deviation
     /// of its logarithm.
     pub usual: Option<[f64; 2]>,
-    /// Whether its key may be left out, which is the same as zero.
+    /// True where its key may be left out, which is the same as zero.
     pub optional: bool,
     /// For a magnitude of a mechanism: the effect grows with this power of it. Negative where a large value is no effect.
     pub power: f64,
-    /// Whether its kind is told by being slow: what fits best at its least plausible value is something faster.
+    /// True where its kind is told by being slow: what fits best at its least plausible value is something faster.
     pub slow: bool,
 }
 
@@ -56,52 +56,52 @@ impl Number {
         }
     }
 
-    /// The same with a narrower plausible range.
+    /// Number with a narrower plausible range.
     pub const fn plausible(self, low: f64, high: f64) -> Self {
         Number { plausible: [low, high], ..self }
     }
 
-    /// The same, a time constant whose kind is told by being no faster than is plausible.
+    /// Number as a time constant whose kind is told by being no faster than is plausible.
     pub const fn slow(self) -> Self {
         Number { slow: true, ..self }
     }
 
-    /// The same, known to another share of its value.
+    /// Number known to another share of its value.
     pub const fn known_to(self, share: f64) -> Self {
         Number { prior_sd: share, ..self }
     }
 
-    /// The same with a hint for values outside the accepted range.
+    /// Number with a hint for values outside the accepted range.
     pub const fn hint(self, hint: &'static str) -> Self {
         Number { hint, ..self }
     }
 
-    /// The same with first magnitudes, weak to strong.
+    /// Number with first magnitudes, weak to strong.
     pub const fn starts(self, starts: &'static [f64]) -> Self {
         Number { starts, ..self }
     }
 
-    /// The same, measured on parts of its kind: a usual value, and the standard deviation of the logarithm.
+    /// Number measured on parts of its kind: a usual value, and the standard deviation of the logarithm.
     pub const fn usually(self, value: f64, log_sd: f64) -> Self {
         Number { usual: Some([value, log_sd]), ..self }
     }
 
-    /// The same for a key that may be left out.
+    /// Number whose key may be left out.
     pub const fn optional(self) -> Self {
         Number { optional: true, ..self }
     }
 
-    /// The same for a magnitude whose effect grows with a power of it.
+    /// Number whose effect grows with a power of it.
     pub const fn acts_with_power(self, power: f64) -> Self {
         Number { power, ..self }
     }
 
-    /// The same under its key.
+    /// Number under its key.
     pub(crate) const fn named(self, key: &'static str) -> Self {
         Number { key, ..self }
     }
 
-    /// Whether it can be negative.
+    /// Tells whether it can be negative.
     pub fn is_signed(&self) -> bool {
         self.plausible[0] < 0.0
     }
@@ -114,7 +114,7 @@ impl Number {
 
 /// Something that holds numbers of a rig.
 pub trait Numbers {
-    /// Its numbers, in a fixed order.
+    /// Numbers, in a fixed order.
     fn numbers(&self) -> Vec<Number>;
 
     /// The value of number `index`; NaN beyond the last.

@@ -15,19 +15,19 @@ use super::schema::Rig;
 /// A number of a rig that a fit may move.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameter {
-    /// Its path, for [`Rig::value`] and [`Rig::set_value`].
+    /// Path, for [`Rig::value`] and [`Rig::set_value`].
     pub path: String,
-    /// Its unit; empty for a bare number.
+    /// Unit; empty for a bare number.
     pub unit: &'static str,
     /// Lowest plausible value. A stated value beyond the plausible range widens it.
     pub low: f64,
     /// Highest plausible value.
     pub high: f64,
-    /// What the rig states.
+    /// Value that the rig states.
     pub value: f64,
     /// Standard deviation of what one knows beforehand, as a share of the value; for a mechanism 1, the magnitude itself.
     pub prior_sd: f64,
-    /// Whether it can be negative (and so cannot be fitted as a logarithm).
+    /// True where it can be negative (and so cannot be fitted as a logarithm).
     pub signed: bool,
 }
 
@@ -89,7 +89,7 @@ impl Rig {
         checked
     }
 
-    /// What holds parameters.
+    /// Components that hold parameters.
     fn holders(&self) -> Vec<Holder<'_>> {
         let all = self.all_holders();
         let off = |path: &str| {

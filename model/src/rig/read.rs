@@ -91,7 +91,7 @@ fn offender(value: &DeValue<'_>, problem: &str) -> Option<(String, Range<usize>)
     if found.len() == 1 { found.pop() } else { None }
 }
 
-/// How serde's messages describe a value of the wrong type.
+/// Description of a value of the wrong type as serde's messages have it.
 fn described(value: &DeValue<'_>) -> Option<String> {
     match value {
         DeValue::String(text) => Some(format!("string {text:?}")),
@@ -113,12 +113,12 @@ fn word_after(text: &str, start: usize, word: &str) -> Option<usize> {
     Some(start + found.0)
 }
 
-/// Whether the text ends inside a comment.
+/// Tells whether the text ends inside a comment.
 fn is_comment(before: &str) -> bool {
     before.rsplit('\n').next().is_some_and(|line| line.contains('#'))
 }
 
-/// Whether the `len` bytes at `at` stand alone as a word.
+/// Tells whether the `len` bytes at `at` stand alone as a word.
 fn is_word(text: &str, at: usize, len: usize) -> bool {
     let part_of_word = |c: char| c.is_alphanumeric() || c == '_';
     let before = text.get(..at).and_then(|t| t.chars().next_back());

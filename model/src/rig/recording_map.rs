@@ -43,7 +43,7 @@ use super::check::names;
 use super::error::RigError;
 use super::schema::{Pump, Rig, Source};
 
-/// How the columns of a file become those of a rig.
+/// Map from the columns of a file to those of a rig.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordingMap {
@@ -118,7 +118,7 @@ pub struct Term {
     /// Added after scaling, in the rig's unit.
     #[serde(default)]
     pub offset: f64,
-    /// Whether `sign(x) √|x|` is scaled instead of `x`.
+    /// True where `sign(x) √|x|` is scaled instead of `x`.
     #[serde(default)]
     pub root: bool,
     /// Unit of the file's numbers (`kPa`, `bar abs`, `psi`, `V`, `%`, `ms` …), brought to the rig's before anything else;
@@ -141,12 +141,12 @@ impl Term {
         Term { from: from.to_owned(), scale: 1.0, offset: 0.0, root: false, unit: None }
     }
 
-    /// Whether numbers are taken as they stand: no scale, no offset, no root.
+    /// Tells whether numbers are taken as they stand: no scale, no offset, no root.
     pub fn is_plain(&self) -> bool {
         self.scale == 1.0 && self.offset == 0.0 && !self.root
     }
 
-    /// What a number of the file contributes.
+    /// Contribution of a number of the file.
     pub fn of(&self, x: f64) -> f64 {
         let x = if self.root { x.abs().sqrt().copysign(x) } else { x };
         self.scale * x + self.offset
@@ -195,7 +195,7 @@ impl Default for RecordingMap {
 }
 
 impl RecordingMap {
-    /// Whether the table says where the time is, rather than leaving it at `time_s`.
+    /// Tells whether the table says where the time is, rather than leaving it at `time_s`.
     pub fn names_time(&self) -> bool {
         self.time != time_s()
     }

@@ -1,4 +1,4 @@
-//! What a rig file holds: one struct per kind of component, keys with their units in the name.
+//! Content of a rig file: one struct per kind of component, keys with their units in the name.
 //!
 //! These structs are the file, nothing more: numbers in the file's units, joins by name. Checks live in
 //! [`super::check`], conversion to SI in [`crate::plant`]. Every optional key says what its absence means.
@@ -49,7 +49,7 @@ pub struct Rig {
     pub sources: IndexMap<String, Source>,
     /// Pressure sensors, by name.
     pub sensors: IndexMap<String, Sensor>,
-    /// How files that others wrote name and scale what this rig reads; absent where they have the rig's own columns.
+    /// Names and scales by which files that others wrote hold what this rig reads; absent where they have the rig's own columns.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording: Option<RecordingMap>,
     /// Physics beyond the components' own.
@@ -77,7 +77,7 @@ pub struct Atmosphere {
     pub temperature_k: f64,
 }
 
-/// How time is cut up.
+/// Steps into which time is cut.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Integrator {
@@ -202,7 +202,7 @@ pub enum Line {
         to: String,
         /// Effective area in mm².
         area_mm2: f64,
-        /// Whether it passes only from `from` to `to`.
+        /// True where it passes only from `from` to `to`.
         #[serde(default, skip_serializing_if = "is_false")]
         one_way: bool,
     },
@@ -268,7 +268,7 @@ pub struct MechanismInstance {
     /// Off keeps it in the file without effect.
     #[serde(default = "yes", skip_serializing_if = "is_true")]
     pub enabled: bool,
-    /// What it does.
+    /// Effect.
     #[serde(flatten)]
     pub mechanism: Mechanism,
 }

@@ -1,4 +1,4 @@
-//! What the pump moves at given pressures, tabled.
+//! Flows of the pump at given pressures, tabled.
 
 use std::sync::Arc;
 
@@ -48,7 +48,7 @@ pub(super) fn within_map(pressures_kpa: Pair) -> Pair {
 pub(super) struct PumpMap {
     /// Net mass flow into each chamber in kg/s with valves shut.
     flows: Vec<Pair>,
-    /// What the cylinders add to the capacities, in kg/Pa: `[c][j]` is what is lost to chamber c per rate of pressure j.
+    /// Addition of the cylinders to the capacities, in kg/Pa: `[c][j]` is what is lost to chamber c per rate of pressure j.
     pub(super) followed: Vec<[Pair; CHANNELS]>,
 }
 
@@ -63,7 +63,7 @@ impl PumpMap {
         between(pressures_kpa, |at| self.flows.get(at).copied().unwrap_or([f64::NAN; CHANNELS]))
     }
 
-    /// What the cylinders add to the capacities there, in kg/Pa, by bilinear interpolation.
+    /// Addition of the cylinders to the capacities there, in kg/Pa, by bilinear interpolation.
     pub(super) fn followed(&self, pressures_kpa: Pair) -> [Pair; CHANNELS] {
         std::array::from_fn(|c| between(pressures_kpa, |at| self.followed.get(at).map_or([0.0; CHANNELS], |e| e[c])))
     }

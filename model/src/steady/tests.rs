@@ -149,7 +149,7 @@ fn duties_for_a_sagging_supply_are_those_of_the_simulation() {
     assert!((held[0] - p[0]).abs() < 1.0 && (held[1] - p[1]).abs() < 0.5, "{held:?}");
 }
 
-/// What a duty more at a valve makes is less by what the supply loses to it.
+/// The gain of a duty more at a valve is less by what the supply loses to it.
 #[test]
 fn the_gain_of_a_sent_duty_is_the_slope_of_the_rate() {
     let sag = "[[mechanisms]]\nid = \"supply_sag\"\ncomponent = \"rig\"\nloss_per_duty = 0.06\n";
@@ -212,7 +212,7 @@ fn a_rig_rests_where_its_simulation_does() {
     }
 }
 
-/// What duties hold is held; where none does, the valve that cannot is at its end.
+/// Pressures that duties can hold are held; where none does, the valve that cannot is at its end.
 #[test]
 fn wanted_pressures_are_held_as_far_as_valves_can() {
     let map = SteadyMap::new(&Rig::builtin("dual_pressure").unwrap()).unwrap();

@@ -77,7 +77,7 @@ fn agrees(name: &str, rig: &Rig, limit: f64) {
     }
 }
 
-/// What a search can live with, in kPa rms: half of the readings' noise, which leaves the likelihood of a mechanism where
+/// Error that a search can live with, in kPa rms: half of the readings' noise, which leaves the likelihood of a mechanism where
 /// it is to a few percent; final fits use the detailed plant.
 const ASKED_KPA: f64 = 0.05;
 /// On the built-in rigs, where 0.012 was found.

@@ -1,4 +1,4 @@
-//! What could be missing from a rig: the list that a search for missing physics goes through.
+//! Candidates for what is missing from a rig: the list that a search for missing physics goes through.
 
 use std::collections::BTreeSet;
 

@@ -1,4 +1,4 @@
-//! What a closed rig keeps: mass, and energy where no wall takes it.
+//! Conservation in a closed rig: mass, and energy where no wall takes it.
 
 use model::rig::Rig;
 

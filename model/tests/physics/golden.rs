@@ -12,10 +12,10 @@ use std::sync::Arc;
 use model::plant::{Plant, Simulation};
 use model::rig::{Pump, Rig};
 
-/// What is asked of the model, in kPa. The traces' own error, below 1e-4 kPa, is lost in it.
+/// Error allowed to the model, in kPa. The traces' own error, below 1e-4 kPa, is lost in it.
 const TOLERANCE_KPA: f64 = 0.01;
 
-/// What plain RK4 (`refine_switching = false`) leaves at 0.1 ms in the worst rows. Check valves turn inside a step, and for as long as
+/// Error that plain RK4 (`refine_switching = false`) leaves at 0.1 ms in the worst rows. Check valves turn inside a step, and for as long as
 /// their opening drifts through the steps the errors of many revolutions add up: 0.0149 kPa at worst in the
 /// traces from elsewhere, and the same to the last printed digit from a plain RK4 program in C.
 const PLAIN_KPA: f64 = 0.016;

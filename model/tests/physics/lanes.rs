@@ -12,7 +12,7 @@ const LANES: usize = 8;
 const FEW: usize = 4;
 const TICKS: usize = 8;
 
-/// What the test draws: a factor for each number of each lane's rig, then duties and relay by tick and lane.
+/// Draws of the test: a factor for each number of each lane's rig, then duties and relay by tick and lane.
 type Draw = (Vec<Vec<f64>>, Vec<Vec<[f64; 3]>>);
 
 /// Factors to draw from; [`perturb`] goes round.

@@ -18,7 +18,7 @@ fn slow_pump(inlet: &str, outlet: &str, rpm: f64, mechanisms: &str) -> Rig {
         + mechanisms))
 }
 
-/// The same from the atmosphere into a large tank, which hardly pushes back.
+/// Slow pump from the atmosphere into a large tank, which hardly pushes back.
 fn slow_pump_into(tank_l: f64, mechanisms: &str) -> Rig {
     let mut rig = slow_pump("atmosphere", "tank", 600.0, mechanisms);
     rig.volumes.get_mut("tank").unwrap().volume_l = tank_l;
@@ -127,7 +127,7 @@ fn another_speed_is_the_stated_one_scaled() {
     }
 }
 
-/// What one stroke moves is known, so what has been delivered counts the revolutions:
+/// The gas of one stroke is known, so the gas delivered counts the revolutions:
 /// `n = ω₀ (T + s (T − τ (1 − e^(−T/τ))))`, as at a constant speed of that mean.
 #[test]
 fn a_pump_that_warms_turns_as_often_as_its_course_says() {

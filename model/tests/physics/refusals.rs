@@ -1,4 +1,4 @@
-//! What a rig file with a wrong mechanism is told: line, key, and the mend.
+//! Refusals of rig files with a wrong mechanism: line, key, and the mend.
 
 use model::rig::{DUAL_PRESSURE, Rig};
 

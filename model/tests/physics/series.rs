@@ -1,4 +1,4 @@
-//! What lies in series with a valve, a capillary or a pump; and other outflow functions.
+//! Parts in series with a valve, a capillary or a pump; and other outflow functions.
 
 use model::plant::Simulation;
 use model::rig::Rig;

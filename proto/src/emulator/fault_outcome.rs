@@ -5,10 +5,10 @@
 
 use std::time::Duration;
 
+use crate::split_mix::SplitMix64;
 use crate::wire::{FrameType, RawFrame, TripBits};
 
 use super::faults::FaultScript;
-use super::random::SplitMix64;
 use super::sensors::SensorFault;
 
 /// One fault of a script.
@@ -61,9 +61,9 @@ pub(super) enum Action {
 pub(super) struct FaultOutcome {
     /// The bytes that go on, changed or not.
     pub(super) raw: RawFrame,
-    /// So often they go on; 0: lost.
+    /// Number of times that they go on; 0: lost.
     pub(super) times: u32,
-    /// So much later.
+    /// Time by which they go on later.
     pub(super) delay: Duration,
     /// True where the bytes were changed.
     pub(super) corrupted: bool,
@@ -93,8 +93,8 @@ impl FaultScript {
                     let mut dice = SplitMix64::keyed(self.seed, &[index, tick, THROW_BYTE]);
                     let length = outcome.raw.as_bytes().len().max(1) as u64;
                     // Thrown even where given, so that giving one leaves the other as it was.
-                    let thrown_byte = (dice.next() % length) as usize;
-                    let thrown_xor = (dice.next() % 255 + 1) as u8;
+                    let thrown_byte = (dice.next_u64() % length) as usize;
+                    let thrown_xor = (dice.next_u64() % 255 + 1) as u8;
                     outcome.raw = flipped(outcome.raw, byte.unwrap_or(thrown_byte), xor.unwrap_or(thrown_xor));
                     outcome.corrupted = true;
                 }

@@ -53,7 +53,6 @@ mod fault_outcome;
 mod faults;
 mod link;
 mod pace;
-mod random;
 mod rig;
 mod sensors;
 mod serve;

@@ -5,7 +5,7 @@
 //! clips to its range of −10 V to just under +10 V. Left out: the sensor's own error and lag, which
 //! are physics of the rig behind.
 
-use super::random::SplitMix64;
+use crate::split_mix::SplitMix64;
 
 /// Smallest step of the converter, V.
 const STEP_V: f64 = 20.0 / 65536.0;

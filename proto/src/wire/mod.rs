@@ -51,8 +51,6 @@ pub use sequence::{SequenceCounter, is_newer, sequence_distance};
 pub const MAGIC: u32 = 0x504E_4555;
 /// The protocol version this code speaks, in every header.
 pub const VERSION: u8 = 1;
-/// Port the cRIO listens on unless it is told otherwise.
-pub const DEFAULT_PORT: u16 = 50500;
 /// Bytes of the header of every frame.
 pub const HEADER_LENGTH: usize = 20;
 /// Bytes of the CRC at the end of every frame.

@@ -1,4 +1,4 @@
-//! How far hidden rigs are from the paper's model once its thirteen parameters are refitted.
+//! Distance of hidden rigs from the paper's model once its thirteen parameters are refitted.
 //!
 //! `cargo run --release -p hidden_rig --example distance -- OUT/truth/case_000.json …` refits the paper's equations (as
 //! they stand in this crate's tests, not in the model) to the first 40 s of a case's first recording without noise, and

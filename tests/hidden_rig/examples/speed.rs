@@ -1,4 +1,4 @@
-//! How fast a rig runs, and how precisely: `cargo run --release -p hidden_rig --example speed`.
+//! Speed and precision of a rig's run: `cargo run --release -p hidden_rig --example speed`.
 
 #![allow(clippy::print_stdout)] // printing is what an example is for
 

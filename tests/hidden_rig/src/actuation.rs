@@ -16,7 +16,7 @@ use crate::preisach::Preisach;
 pub struct MagneticHysteresis {
     /// Mean half width of the loop (duty).
     pub half_width: f64,
-    /// How much half widths differ from their mean.
+    /// Share by which half widths differ from their mean.
     pub spread: f64,
 }
 
@@ -59,7 +59,7 @@ pub struct Clogging {
 /// Flow at which a clogging throat is stated (kg/s): what the pump delivers at the paper's working point.
 pub const CLOGGING_FLOW_KG_S: f64 = 5e-4;
 
-/// What stands between duties and coils.
+/// Path between duties and coils.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Actuation {
     /// Delay of the commands (s), by channel.

@@ -33,7 +33,7 @@ impl Spread {
     pub const MOVED: Self = Self { low: 0.02, high: 0.10 };
 }
 
-/// What a hidden rig is built from; SI units.
+/// Numbers that a hidden rig is built from; SI units.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BuildSheet {
     /// Barometer (Pa).
@@ -218,7 +218,7 @@ impl BuildSheet {
         ]
     }
 
-    /// How far each of [`IDENTIFIABLE`] is from the paper's value, relative.
+    /// Distance of each of [`IDENTIFIABLE`] from the paper's value, relative.
     pub fn shifts(&self) -> [(&'static str, f64); 13] {
         let (mut own, mut paper) = (self.clone(), Self::paper());
         let paper = paper.identifiable();

@@ -9,29 +9,29 @@ use crate::run::Rig;
 use crate::sizing::{Probe, Size, difference, larger, rms};
 use crate::truth::{Class, Planted, RecordingEntry, Role, Truth};
 
-/// What is to be made.
+/// Case that is to be made.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
     /// Name of the case: says nothing about what is in it.
     pub name: String,
-    /// What it is for.
+    /// Purpose of the case.
     pub class: Class,
-    /// What is to be concealed, and where.
+    /// Effects to be concealed, with their places.
     pub effects: Vec<(Kind, Place)>,
     /// Raw size that each effect is given (kPa).
     pub level_kpa: f64,
-    /// Whether the motor slips a little, so that the ripple beats.
+    /// True where the motor slips a little, so that the ripple beats.
     pub ripple_beats: bool,
     /// Seed of all its draws.
     pub seed: u64,
 }
 
-/// How the cases of a suite are made.
+/// Settings by which the cases of a suite are made.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Making {
     /// Lengths of the recordings (s): three that are given, one that is held out.
     pub seconds: [f64; 4],
-    /// How much of the first recording effects are sized on (s): all of it where it matters, for what is slow has only
+    /// Length of the first recording's part that effects are sized on (s): all of it where it matters, for what is slow has only
     /// begun to show on a part.
     pub probe_s: f64,
     /// No nuisance is larger than this (kPa, raw): beyond, it would be an effect of its own.
@@ -48,9 +48,9 @@ impl Making {
 /// A case that was made.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Case {
-    /// Its truth.
+    /// Truth.
     pub truth: Truth,
-    /// Its recordings, in the order of the truth's entries.
+    /// Recordings, in the order of the truth's entries.
     pub recordings: Vec<Recording>,
 }
 
@@ -60,7 +60,7 @@ pub struct Case {
 pub struct NoUsefulRig {
     /// The case.
     pub case: String,
-    /// How many rigs were drawn.
+    /// Number of rigs drawn.
     pub attempts: u32,
 }
 
@@ -75,11 +75,11 @@ const NULL_LEVEL_KPA: f64 = 0.3;
 const LEAST_NET_KPA: f64 = 0.012;
 /// And none a larger one (kPa), a quarter to a half of the noise: beyond, it would be worth a name of its own.
 const MOST_NET_KPA: f64 = 0.02;
-/// How close to its wanted size a nuisance must come, as a ratio.
+/// Ratio to its wanted size within which a nuisance must come.
 const NUISANCE_CLOSE: f64 = 1.3;
 /// A motor that slips: the ripple beats once in 25 to 200 s.
 const SLIP: (f64, f64) = (5e-5, 4e-4);
-/// What nuisances are drawn from: small everyday imperfections.
+/// Kinds that nuisances are drawn from: small everyday imperfections.
 const NUISANCES: &[Kind] = &[
     Kind::ValveHysteresis,
     Kind::ValveLag,
@@ -265,7 +265,7 @@ fn record(truth: &mut Truth, making: &Making, root: &Draws, holds: &[[f64; 2]]) 
     recordings
 }
 
-/// What the concealed effects do in a recording (kPa, root mean square), against a rig settled at the same duties.
+/// Trace of the concealed effects in a recording (kPa, root mean square), against a rig settled at the same duties.
 fn effect_in(recording: &Recording, start: [f64; 2], without: &Rig) -> [f64; 2] {
     let plain = Recording::of_commands(without, start, &recording.commands(), Draws::new(0));
     rms(&difference(&recording.clean_kpa(), &plain.clean_kpa()))

@@ -20,7 +20,7 @@ pub struct VolumeStep {
     pub relative: f64,
     /// When it begins (s).
     pub time_s: f64,
-    /// How long it takes (s).
+    /// Duration (s).
     pub duration_s: f64,
 }
 
@@ -36,7 +36,7 @@ impl VolumeStep {
 /// A dead-end volume behind a capillary.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pocket {
-    /// Its volume (m³).
+    /// Volume (m³).
     pub volume_m3: f64,
     /// The capillary's laminar conductance (kg/(s Pa²)).
     pub capillary: f64,
@@ -75,7 +75,7 @@ impl Chamber {
         }
     }
 
-    /// Whether the volume can change at all.
+    /// Tells whether the volume can change at all.
     #[inline]
     pub fn is_stiff(&self) -> bool {
         self.compliance_m3_pa == 0.0 && self.volume_step.is_none()
@@ -89,7 +89,7 @@ impl Chamber {
     }
 }
 
-/// How soon an elastic wall follows its pressure (s): rubber is that quick, and the pressure stays a plain state.
+/// Time constant by which an elastic wall follows its pressure (s): rubber is that quick, and the pressure stays a plain state.
 pub const WALL_FOLLOWS_S: f64 = 4e-3;
 /// Critical ratio of a sharp-edged leak.
 pub const LEAK_CRITICAL_RATIO: f64 = 0.4;

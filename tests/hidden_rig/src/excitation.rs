@@ -1,4 +1,4 @@
-//! What a rig is driven with: random holds, slow triangles and stairs, and a closed loop that follows references.
+//! Commands that drive a rig: random holds, slow triangles and stairs, and a closed loop that follows references.
 //!
 //! Before anything is recorded the rig is commissioned as a lab would do it: a controller finds the duties at which
 //! the pressures are where they are to range, so that the valves are open in all of it whatever the hidden parameters.
@@ -71,7 +71,7 @@ impl Controller {
 
 /// Pressures at the two ends of the range (kPa gauge): the pump delivers most when both are high.
 const ENDS_KPA: [[f64; 2]; 2] = [[132.0, -63.0], [64.0, -78.5]];
-/// How long the controller has to get there (s).
+/// Time that the controller has to get there (s).
 const COMMISSIONING_S: f64 = 9.0;
 
 /// Finds a rig's operating range; `None` if the valves cannot hold pressures over a useful range.

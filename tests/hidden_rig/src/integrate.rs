@@ -14,7 +14,7 @@ pub trait Switched<const N: usize, const G: usize> {
     /// One number per switch; it is on while its guard is positive.
     fn guards(&self, time_s: f64, state: &[f64; N]) -> [f64; G];
 
-    /// How the switches stand.
+    /// Positions of the switches.
     fn switches(&self) -> [bool; G];
 
     /// Turns one switch over.
@@ -26,7 +26,7 @@ pub trait Switched<const N: usize, const G: usize> {
     }
 }
 
-/// How precise the steps are.
+/// Precision of the steps.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tolerance<const N: usize> {
     /// Permitted error of a step, relative to the state or its scale, whichever is larger.
@@ -37,7 +37,7 @@ pub struct Tolerance<const N: usize> {
     pub longest_s: f64,
 }
 
-/// What the integration cost.
+/// Cost of an integration.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Effort {
     /// Accepted steps.
@@ -70,7 +70,7 @@ impl<const N: usize> DormandPrince<N> {
         Self { tolerance, step_s, last_error: 1.0, effort: Effort::default() }
     }
 
-    /// What it has cost so far.
+    /// Cost so far.
     pub fn effort(&self) -> Effort {
         self.effort
     }

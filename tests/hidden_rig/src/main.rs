@@ -129,7 +129,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// What is said of a case that is done: sizes, but not what it conceals, since the maker may be the one who diagnoses.
+/// Line on a case that is done: sizes, but not what it conceals, since the maker may be the one who diagnoses.
 fn line(done: usize, of: usize, case: &Case) -> String {
     let held_out = case.truth.recordings.last().and_then(|entry| entry.effect_kpa).map_or(0.0, larger);
     format!("{done}/{of} {}: {:.2} kPa held out", case.truth.case, held_out)

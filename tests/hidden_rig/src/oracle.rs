@@ -1,4 +1,4 @@
-//! What an oracle that knows the candidates could tell from a case's first recording.
+//! An oracle that knows the candidates: its findings in a case's first recording.
 //!
 //! For every concealed effect the oracle asks by how much the best refit fails that has everything but this effect: the
 //! identifiable parameters, the case's other effects, and one rival of the library in its place. With d the change that
@@ -24,7 +24,7 @@ use crate::truth::Truth;
 /// A rival and how far it is from the truth.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Rival {
-    /// Its id.
+    /// Id.
     pub id: String,
     /// Where it sits.
     #[serde(rename = "where")]
@@ -33,7 +33,7 @@ pub struct Rival {
     pub chi2: f64,
 }
 
-/// What the oracle says of one concealed effect.
+/// Findings of the oracle on one concealed effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Sight {
     /// The effect's id.
@@ -47,14 +47,14 @@ pub struct Sight {
     pub rivals: Vec<Rival>,
 }
 
-/// What the oracle says of a case.
+/// Findings of the oracle on a case.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Oracle {
     /// The case.
     pub case: String,
     /// χ² of what its nuisances leave after a refit.
     pub nuisance_chi2: f64,
-    /// Its effects, one by one.
+    /// Effects, one by one.
     pub effects: Vec<Sight>,
 }
 
@@ -71,7 +71,7 @@ impl Oracle {
         self.effects.iter().map(Sight::separation).fold(f64::INFINITY, f64::min)
     }
 
-    /// Whether the effects stand out of noise and nuisances, each from all else.
+    /// Tells whether the effects stand out of noise and nuisances, each from all else.
     pub fn separates(&self) -> bool {
         self.separation() >= SEPARATES.max(NUISANCE_MARGIN * self.nuisance_chi2)
     }
@@ -80,7 +80,7 @@ impl Oracle {
 /// χ² that counts as told apart. A factor of three belongs to the noise's colour, which is taken for white, and thirty
 /// to forty candidates are looked through (the largest of as many χ² with one degree of freedom stays below 15).
 pub const SEPARATES: f64 = 60.0;
-/// How much more than the nuisances' χ² it must be.
+/// Ratio to the nuisances' χ² that it must reach.
 pub const NUISANCE_MARGIN: f64 = 2.0;
 /// Rivals that are listed.
 const LISTED: usize = 4;
@@ -140,7 +140,7 @@ fn within(effect: &Effect, making: &Making) -> Effect {
     }
 }
 
-/// What each member of the library would do in each of its places, at a strength that shows as much as the truth.
+/// Change that each member of the library would make in each of its places, at a strength that shows as much as the truth.
 fn changes_of_rivals(truth: &Truth, sheet: &BuildSheet, probe: &Probe<'_>) -> Vec<(Kind, Place, Vec<[f64; 2]>)> {
     let mut draws = Draws::new(truth.seed).stream("rivals");
     let mut changes = Vec::new();

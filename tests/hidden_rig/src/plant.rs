@@ -21,12 +21,12 @@ pub struct GlandLeak {
     pub conductance: f64,
     /// Middle of the band (Pa over the atmosphere).
     pub middle_pa: f64,
-    /// Its half width (Pa).
+    /// Half width (Pa).
     pub half_width_pa: f64,
 }
 
 impl GlandLeak {
-    /// Its conductance (m³/(s Pa)) at a positive pressure over the atmosphere (Pa).
+    /// Conductance (m³/(s Pa)) at a positive pressure over the atmosphere (Pa).
     pub fn conductance_at(&self, over_atmosphere_pa: f64) -> f64 {
         self.conductance * (-((over_atmosphere_pa - self.middle_pa) / self.half_width_pa).powi(2)).exp()
     }
@@ -110,7 +110,7 @@ impl Plant {
         std::array::from_fn(|c| self.chamber_gas(state, c).pressure_pa - self.atmosphere.pressure_pa)
     }
 
-    /// What the sensors' elements say (Pa gauge), noise apart, `time_s` after the start.
+    /// Pressures that the sensors' elements show (Pa gauge), noise apart, `time_s` after the start.
     pub fn said(&self, state: &State, time_s: f64) -> [f64; 2] {
         let chambers = self.chamber_pressures(state);
         let elements: [f64; 2] = std::array::from_fn(|c| {

@@ -22,9 +22,9 @@ const STEP: f64 = (HIGHEST - LOWEST) / CENTRES as f64;
 pub struct Preisach {
     half_widths: [f64; WIDTHS],
     weights: [f64; WIDTHS],
-    /// Whether each relay is on: half width by half width, in the order of rising centres.
+    /// States of the relays, true for on: half width by half width, in the order of rising centres.
     on: Vec<bool>,
-    /// How many are on, per half width.
+    /// Number of those that are on, per half width.
     count: [u32; WIDTHS],
     /// The last input: what lies between it and the next is all that can switch.
     input: f64,
@@ -77,7 +77,7 @@ impl Preisach {
     }
 }
 
-/// How many centres lie below a value.
+/// Number of centres below a value.
 fn relays_below(value: f64) -> usize {
     ((value - LOWEST) / STEP + 0.5).floor().clamp(0.0, CENTRES as f64) as usize
 }

@@ -45,11 +45,11 @@ pub struct Motor {
     pub speed_rad_s: f64,
     /// Relative loss of speed per bar between the chambers.
     pub droop_per_bar: f64,
-    /// How soon the speed follows (s).
+    /// Time constant by which the speed follows (s).
     pub spin_up_s: f64,
     /// Relative gain of speed once warm; negative for one that tires.
     pub warming: f64,
-    /// How soon it is warm (s).
+    /// Time constant by which it warms (s).
     pub warming_time_s: f64,
 }
 

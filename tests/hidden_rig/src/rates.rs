@@ -23,14 +23,14 @@ pub const CHECK_VALVES: usize = 4;
 /// Stores in the order of the balances: cylinder 1, cylinder 2, positive chamber, negative chamber.
 const STORES: usize = 4;
 
-/// What drives the plant over a stretch of time.
+/// Commands and surroundings that drive the plant over a stretch of time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drive {
     /// Current that each coil tends to, as share of full scale.
     pub current: [f64; 2],
     /// Share of each vent's throat that is free.
     pub throat: [f64; 2],
-    /// Whether the motor is fed.
+    /// True where the motor is fed.
     pub pump_on: bool,
 }
 
@@ -39,7 +39,7 @@ pub struct Drive {
 pub struct Driven<'a> {
     /// The plant.
     pub plant: &'a Plant,
-    /// What drives it now.
+    /// Drive that is in force.
     pub drive: Drive,
     /// Which check valves are open.
     pub open: [bool; CHECK_VALVES],

@@ -18,22 +18,22 @@ use crate::sensor::Electronics;
 pub struct Command {
     /// Duties.
     pub duty: [f64; 2],
-    /// Whether the pump is on.
+    /// True where the pump is on.
     pub pump_on: bool,
 }
 
-/// What a recording holds at one tick.
+/// Row of a recording: one tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Row {
     /// Time of the tick (s).
     pub time_s: f64,
-    /// How late the reading was (s).
+    /// Lateness of the reading (s).
     pub late_s: f64,
     /// The command from here on.
     pub command: Command,
     /// The reading (kPa gauge), with noise and converter.
     pub read_kpa: [f64; 2],
-    /// What perfect electronics would have read on the tick (kPa gauge): the trace to score against.
+    /// Readings of perfect electronics on the tick (kPa gauge): the trace to score against.
     pub clean_kpa: [f64; 2],
     /// Pressures in the chambers over the atmosphere (kPa).
     pub chamber_kpa: [f64; 2],
@@ -42,7 +42,7 @@ pub struct Row {
 /// A recording.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Recording {
-    /// Its rows.
+    /// Rows.
     pub rows: Vec<Row>,
 }
 
@@ -54,7 +54,7 @@ pub enum RecordingError {
     Read {
         /// The file.
         file: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// It cannot be written.
@@ -62,7 +62,7 @@ pub enum RecordingError {
     Write {
         /// The file.
         file: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// It is no table.
@@ -70,7 +70,7 @@ pub enum RecordingError {
     Table {
         /// The file.
         file: PathBuf,
-        /// What the CSV reader said.
+        /// Error of the CSV reader.
         source: csv::Error,
     },
     /// A column is missing.
@@ -90,9 +90,9 @@ pub enum RecordingError {
         line: usize,
         /// The column.
         column: &'static str,
-        /// What stands there.
+        /// Text that stands there.
         text: String,
-        /// What is wrong with it, and the mend.
+        /// Fault and its mend.
         problem: &'static str,
     },
     /// There are no rows.
@@ -229,7 +229,7 @@ pub fn read_commands(file: &Path) -> Result<Vec<Command>, RecordingError> {
     parse_commands(file, &bytes)
 }
 
-/// The same from the file's bytes.
+/// Commands from a file's bytes.
 ///
 /// # Errors
 /// See [`read_commands`].
@@ -274,7 +274,7 @@ pub fn parse_commands(file: &Path, bytes: &[u8]) -> Result<Vec<Command>, Recordi
     Ok(commands)
 }
 
-/// How many ticks a time is.
+/// Number of ticks in a time.
 pub fn ticks(seconds: f64) -> usize {
     (seconds * TICKS_PER_S).round().max(0.0) as usize
 }

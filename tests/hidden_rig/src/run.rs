@@ -14,7 +14,7 @@ use crate::state::{self, CRANK, LIFT, STATES, State};
 pub const TICK_S: f64 = 0.02;
 /// Ticks per second.
 pub const TICKS_PER_S: f64 = 50.0;
-/// How long a rig settles before its first row (s): several times the slowest pressure here, a pocket's or a chamber's
+/// Time that a rig settles before its first row (s): several times the slowest pressure here, a pocket's or a chamber's
 /// without wool.
 pub const SETTLING_S: f64 = 8.0;
 
@@ -29,7 +29,7 @@ pub struct Rig {
     pub noise: Noise,
 }
 
-/// How precisely a run is integrated.
+/// Precision of a run's integration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Precision {
     /// For recordings and truths.
@@ -157,12 +157,12 @@ impl<'a> Run<'a> {
         });
     }
 
-    /// What perfect electronics would read now (kPa gauge).
+    /// Readings of perfect electronics now (kPa gauge).
     pub fn clean_kpa(&self) -> [f64; 2] {
         self.rig.plant.said(&self.state, self.time_s()).map(|pa| 1e-3 * pa)
     }
 
-    /// What the elements say `late_s` after the tick (Pa gauge), along the tangent: enough for tenths of a millisecond.
+    /// Pressures that the elements show `late_s` after the tick (Pa gauge), along the tangent: enough for tenths of a millisecond.
     pub fn said_late_pa(&self, late_s: f64) -> [f64; 2] {
         let mut rates = [0.0; STATES];
         self.driven.rates(self.time_s(), &self.state, &mut rates);
@@ -180,7 +180,7 @@ impl<'a> Run<'a> {
         &self.state
     }
 
-    /// What the integration has cost.
+    /// Cost of the integration so far.
     pub fn effort(&self) -> Effort {
         self.integrator.effort()
     }

@@ -1,4 +1,4 @@
-//! What lies between a chamber's pressure and the number in the file.
+//! Path between a chamber's pressure and the number in the file.
 //!
 //! ```text
 //! chamber → snubber (lag) → sensing line (may ring) → element (gain, bias, drift, crosstalk) → 1–5 V → noise → ADC
@@ -36,7 +36,7 @@ pub struct LineResonance {
 pub struct ZeroDrift {
     /// Where it ends (Pa).
     pub final_pa: f64,
-    /// How soon (s).
+    /// Time constant (s).
     pub time_s: f64,
 }
 
@@ -87,14 +87,14 @@ impl Sensor {
         self.resonance.map_or(driven, |ring| driven + ring.gain * (line[0] - driven))
     }
 
-    /// What the element says (Pa gauge), given both channels' pressures at the elements, `time_s` after the start.
+    /// Pressure that the element shows (Pa gauge), given both channels' pressures at the elements, `time_s` after the start.
     pub fn reading_pa(&self, own_pa: f64, other_pa: f64, time_s: f64) -> f64 {
         let drift = self.drift.map_or(0.0, |drift| drift.final_pa * (1.0 - (-time_s.max(0.0) / drift.time_s).exp()));
         own_pa * (1.0 + self.gain_error) + self.crosstalk * other_pa + self.bias_pa + drift
     }
 }
 
-/// How noisy the readings of a rig are.
+/// Noise of a rig's readings.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Noise {
     /// Standard deviation of the white part, by channel (Pa).
@@ -137,7 +137,7 @@ impl Electronics {
         Self { noise, draws, slow_pa }
     }
 
-    /// How late the next reading is taken (s): the loop is late now and then, never early.
+    /// Lateness of the next reading (s): the loop is late now and then, never early.
     pub fn latency_s(&mut self) -> f64 {
         (self.noise.jitter_s * self.draws.normal().abs()).min(4.0 * self.noise.jitter_s)
     }

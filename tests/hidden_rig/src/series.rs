@@ -150,7 +150,7 @@ mod tests {
         vent
     }
 
-    /// What the solution must satisfy: each part alone passes the same flow between its own two pressures.
+    /// Condition on the solution: each part alone passes the same flow between its own two pressures.
     #[test]
     fn every_part_passes_the_same_flow() {
         for (channel, chamber_pa) in [(0, 190e3), (0, 150e3), (1, 31e3), (1, 60e3)] {

@@ -1,4 +1,4 @@
-//! How large an effect is: what it does to the pressures, and what of that a refit could not take up.
+//! Size of an effect: the change that it makes to the pressures, and the part of that which a refit could not take up.
 //!
 //! *Raw* is the difference of the traces with and without the effect under the same commands. *Net* is what is left of
 //! that difference after the best combination of small changes of the thirteen identifiable parameters
@@ -33,13 +33,13 @@ pub struct Probe<'a> {
     sheet: &'a BuildSheet,
     duties: &'a [[f64; 2]],
     nominal: Trace,
-    /// What each identifiable parameter does (kPa).
+    /// Change by each identifiable parameter (kPa).
     sensitivities: Vec<Trace>,
     /// Orthonormal columns that span the sensitivities, in units of the noise.
     span: Vec<Trace>,
 }
 
-/// How long a rig settles before it is sized on (s): half of what a recording gets, for what is left then is the same
+/// Time that a rig settles before it is sized on (s): half of what a recording gets, for what is left then is the same
 /// with and without the effect.
 const SETTLING_S: f64 = 4.0;
 
@@ -154,7 +154,7 @@ impl<'a> Probe<'a> {
         self.add_direction(direction);
     }
 
-    /// What a refit leaves of a change (kPa), in units of the noise.
+    /// Part of a change that a refit leaves (kPa), in units of the noise.
     pub fn unexplained(&self, change: &[[f64; 2]]) -> Trace {
         let mut left = self.in_noise(change);
         for column in &self.span {
@@ -163,7 +163,7 @@ impl<'a> Probe<'a> {
         left
     }
 
-    /// The same after one more direction, itself what a refit leaves of a change.
+    /// Sizes after one more direction is taken out, itself the part of a change that a refit leaves.
     pub fn without_direction(&self, left: &[[f64; 2]], direction: &[[f64; 2]]) -> Trace {
         let mut less = left.to_vec();
         let size = norm(direction);
@@ -179,12 +179,12 @@ impl<'a> Probe<'a> {
         norm(left).powi(2) * seconds / (self.duties.len() as f64 * TICK_S)
     }
 
-    /// What a rig does differently from the nominal one (kPa).
+    /// Difference of a rig's trace from the nominal one's (kPa).
     pub fn change_of(&self, rig: &Rig) -> Trace {
         difference(&trace(rig, self.duties, Precision::Coarse), &self.nominal)
     }
 
-    /// What an effect does on its own (kPa): the trace with it minus the one without.
+    /// Change by an effect on its own (kPa): the trace with it minus the one without.
     pub fn change_by(&self, effect: &Effect, place: Place) -> Trace {
         let mut rig = self.sheet.rig();
         effect.install(place, &mut rig);

@@ -24,7 +24,7 @@ pub const SNUBBER: usize = 20;
 pub const SENSING: usize = 24;
 /// Mass (kg) and energy (J) that cylinders and chambers have received from all that is not cylinder or chamber.
 pub const LEDGER: usize = 28;
-/// How many there are.
+/// Number of states.
 pub const STATES: usize = 30;
 
 /// All states of the plant.

@@ -47,7 +47,7 @@ const TRIPLES: usize = 6;
 const BEATS_EVERY: usize = 12;
 
 impl Suite {
-    /// Its name on the command line.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Ci => "ci",
@@ -55,7 +55,7 @@ impl Suite {
         }
     }
 
-    /// How its cases are made.
+    /// Settings by which its cases are made.
     pub fn making(self) -> Making {
         match self {
             Self::Ci => Making::QUICK,
@@ -63,7 +63,7 @@ impl Suite {
         }
     }
 
-    /// Its cases, in an order that says nothing.
+    /// Cases, in an order that says nothing.
     pub fn plans(self, seed: u64) -> Vec<Plan> {
         let root = Draws::new(seed);
         let mut drafts = match self {
@@ -152,12 +152,12 @@ fn full_drafts(draws: &mut Draws) -> Vec<Draft> {
     drafts
 }
 
-/// What a suite was made from: `truth/suite.json`, for the scorer alone.
+/// Record of what a suite was made from: `truth/suite.json`, for the scorer alone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Made {
-    /// Its name.
+    /// Name.
     pub suite: String,
-    /// Its seed, as it was given.
+    /// Seed, as it was given.
     pub seed: String,
 }
 
@@ -184,13 +184,13 @@ impl Made {
         Ok(write_whole(&file, &text)?)
     }
 
-    /// How its cases were made.
+    /// Settings by which its cases were made.
     pub fn making(&self) -> Making {
         if self.suite == Suite::Full.name() { Making::FULL } else { Making::QUICK }
     }
 }
 
-/// What went wrong while a suite was made.
+/// Error while a suite is made.
 #[derive(Debug, thiserror::Error)]
 pub enum SuiteError {
     /// A file could not be written.
@@ -275,7 +275,7 @@ pub fn truth_file(out: &Path, case: &str) -> PathBuf {
     out.join("truth").join(format!("{case}.json"))
 }
 
-/// Whether a case of the same seed lies there whole: its truth is written last.
+/// Tells whether a case of the same seed lies there whole: its truth is written last.
 fn is_made(plan: &Plan, out: &Path) -> bool {
     Truth::read(&truth_file(out, &plan.name)).is_ok_and(|truth| truth.case == plan.name && truth.seed == plan.seed)
 }

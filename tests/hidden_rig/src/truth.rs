@@ -17,7 +17,7 @@ use crate::rng::{Draws, fnv1a};
 use crate::run::Rig;
 use crate::sizing::Size;
 
-/// What a case is for.
+/// Purpose of a case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Class {
@@ -46,9 +46,9 @@ pub struct Planted {
     /// Where it sits.
     #[serde(rename = "where")]
     pub place: Place,
-    /// What it is, in a line.
+    /// Description in a line.
     pub note: String,
-    /// How large it is on the first recording, on its own.
+    /// Size on the first recording, on its own.
     pub size: Size,
 }
 
@@ -72,9 +72,9 @@ pub enum Role {
 /// A recording of a case.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RecordingEntry {
-    /// Its name, the same in the case's folder and in the truth's.
+    /// Name, the same in the case's folder and in the truth's.
     pub file: String,
-    /// What drives it.
+    /// Kind of its excitation.
     pub excitation: String,
     /// `given` to the diagnosis, or `held_out` from it: the scorer's own.
     pub role: Role,
@@ -91,19 +91,19 @@ pub struct Truth {
     pub case: String,
     /// Seed of all its draws.
     pub seed: u64,
-    /// What it is for.
+    /// Purpose of the case.
     pub class: Class,
     /// Raw size that the effects were given (kPa); 0 for none.
     pub level_kpa: f64,
     /// The concealed effects.
     pub truth: Vec<Planted>,
-    /// What else is a little wrong.
+    /// Small everyday imperfections beside it.
     pub nuisances: Vec<Planted>,
     /// All nuisances together, on the first recording: what a null leaves.
     pub nuisances_together: Size,
-    /// Whether the motor slips, so that the ripple beats slowly.
+    /// True where the motor slips, so that the ripple beats slowly.
     pub ripple_beats: bool,
-    /// How far each identifiable parameter is from the rig file's value, relative.
+    /// Distance of each identifiable parameter from the rig file's value, relative.
     pub parameter_shifts: Vec<(String, f64)>,
     /// All of the rig that is drawn.
     pub build: BuildSheet,
@@ -123,7 +123,7 @@ pub enum TruthError {
     Read {
         /// The file.
         file: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// It is no truth.
@@ -131,7 +131,7 @@ pub enum TruthError {
     Parse {
         /// The file.
         file: PathBuf,
-        /// What is wrong with it.
+        /// Error of the JSON reader.
         source: serde_json::Error,
     },
     /// It cannot be written.

@@ -49,7 +49,7 @@ pub struct Tube {
 pub struct Muffler {
     /// Sonic conductance (m³/(s Pa)).
     pub conductance: f64,
-    /// Its critical ratio: low, as porous bodies have it.
+    /// Critical ratio: low, as porous bodies have it.
     pub critical_ratio: f64,
 }
 
@@ -68,7 +68,7 @@ pub struct Vent {
     pub follows_s: f64,
     /// Time constant of the coil's current while it rises (s); 0 for a current that follows at once.
     pub coil_rise_s: f64,
-    /// The same while it falls (s).
+    /// Time constant while it falls (s).
     pub coil_fall_s: f64,
     /// Fastest change of the current (full scale per second); infinite if nothing limits it.
     pub slew_per_s: f64,
@@ -157,7 +157,7 @@ impl Vent {
         ((target - current) / time_s.max(FASTEST_COIL_S)).clamp(-self.slew_per_s, self.slew_per_s)
     }
 
-    /// Whether the current follows its target at once.
+    /// Tells whether the current follows its target at once.
     #[inline]
     pub fn coil_is_instant(&self) -> bool {
         self.coil_rise_s == 0.0 && self.slew_per_s.is_infinite()

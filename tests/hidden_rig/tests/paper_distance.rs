@@ -1,4 +1,4 @@
-//! How far the hidden rig is from the paper's equations: converged traces of the nominal plant, and a refit.
+//! Distance of the hidden rig from the paper's equations: converged traces of the nominal plant, and a refit.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on should say where
 

@@ -104,7 +104,7 @@ fn hysteresis_is_rate_independent_and_lag_is_not() {
     assert!((fast / slow / 4.0 - 1.0).abs() < 0.05, "{fast} {slow}");
 }
 
-/// What sits in a sensor moves no air: the chambers and the other channel know nothing of it.
+/// Effects that sit in a sensor move no air: the chambers and the other channel know nothing of it.
 #[test]
 fn sensor_effects_leave_the_air_alone_and_valve_effects_do_not() {
     let nominal = quick(&BuildSheet::paper().rig());

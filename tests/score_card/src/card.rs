@@ -1,4 +1,4 @@
-//! What all cases come to.
+//! Figures over all cases.
 
 use std::collections::BTreeMap;
 
@@ -11,12 +11,12 @@ use crate::free_run::root_mean_square;
 use crate::judge::Outcome;
 use crate::worth::Worth;
 
-/// How many of how many.
+/// Share of cases.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Share {
-    /// So many.
+    /// Cases that count.
     pub of_them: usize,
-    /// Of so many.
+    /// Cases that could.
     pub all: usize,
 }
 
@@ -38,7 +38,7 @@ impl Share {
 /// Three points of a distribution.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
-    /// How many values.
+    /// Number of values.
     pub count: usize,
     /// A tenth lie below.
     pub tenth: f64,
@@ -49,7 +49,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of these values, if there are any.
+    /// Spread of these values, if there are any.
     pub fn of(values: impl Iterator<Item = f64>) -> Option<Self> {
         let mut values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
         values.sort_by(f64::total_cmp);
@@ -65,7 +65,7 @@ impl Spread {
     }
 }
 
-/// What was run, on what.
+/// Programs and cases of a card.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
     /// The command line.
@@ -83,7 +83,7 @@ pub struct Provenance {
 /// The score card.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Card {
-    /// What was run.
+    /// Programs and cases.
     pub provenance: Provenance,
     /// Cases scored.
     pub cases: usize,
@@ -95,7 +95,7 @@ pub struct Card {
     pub undecided_nulls: Share,
     /// Right at strengths where the oracle separates: goal at least 95 %.
     pub right_where_separable: Share,
-    /// The same by class.
+    /// Share of right answers by class.
     pub right_by_class: BTreeMap<String, Share>,
     /// False names where the oracle cannot separate: there, silence or `undecided` is honest.
     pub false_where_inseparable: Share,
@@ -103,13 +103,13 @@ pub struct Card {
     pub outside_seen: Share,
     /// Undecided answers whose rivals hold the truth.
     pub rivals_hold_truth: Share,
-    /// Of these, decided rightly by the proposed experiment.
+    /// Those among them that the proposed experiment decides rightly.
     pub experiment_decides: Share,
     /// Experiments that kept to the bounds.
     pub safe_experiments: Share,
     /// Share of the achievable gain: goal a median of at least 0.95.
     pub gain: Option<Spread>,
-    /// The same where the answer was right.
+    /// Share of the gain where the answer was right.
     pub gain_where_right: Option<Spread>,
     /// Relative error of parameters.
     pub parameter_error: Option<Spread>,
@@ -117,11 +117,11 @@ pub struct Card {
     pub coverage: Share,
     /// Time of a diagnosis on the wall (s).
     pub wall_s: Option<Spread>,
-    /// Its processor time (s).
+    /// Processor time (s).
     pub cpu_s: Option<Spread>,
     /// Held-out error (kPa, root of the mean of both channels' squares) of rig as given, refit and answer.
     pub held_out_kpa: BTreeMap<String, Spread>,
-    /// What answers are worth, by what they say.
+    /// Worth of answers, by what they say.
     pub worth: Worth,
     /// Outcomes of last answers, by class.
     pub outcomes: BTreeMap<String, BTreeMap<String, usize>>,

@@ -23,15 +23,15 @@ const LONGEST_S: f64 = 120.0;
 /// An experiment that was proposed and run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Experiment {
-    /// Its length (s).
+    /// Length (s).
     pub seconds: f64,
     /// Lowest and highest pressure that it drove the hidden rig to (kPa gauge), over both chambers.
     pub reached_kpa: [f64; 2],
-    /// Whether it kept to the interface: at most 120 s, −95 … 160 kPa.
+    /// True where it kept to the interface: at most 120 s, −95 … 160 kPa.
     pub safe: bool,
     /// The answer after it.
     pub answer: String,
-    /// What the second answer took.
+    /// Time and memory of the second answer.
     pub took: Took,
 }
 
@@ -40,13 +40,13 @@ pub struct Experiment {
 pub struct CaseScore {
     /// The case.
     pub case: String,
-    /// What it is for.
+    /// Purpose of the case.
     pub class: Class,
     /// Raw size of what is concealed (kPa).
     pub level_kpa: f64,
-    /// Whether the ripple beats.
+    /// True where the ripple beats.
     pub ripple_beats: bool,
-    /// What is concealed: a row of the confusion table.
+    /// Concealed effects: a row of the confusion table.
     pub concealed: String,
     /// The first answer: a column of it.
     pub first_answer: String,
@@ -58,23 +58,23 @@ pub struct CaseScore {
     pub last: Outcome,
     /// Each name of the last answer beside the truth.
     pub names: Vec<(String, Name)>,
-    /// What is still in the race at the first answer.
+    /// Explanations that the first answer leaves open.
     pub rivals: Vec<String>,
     /// Experiments that were run.
     pub experiments: Vec<Experiment>,
     /// Why there is no answer, or no experiment.
     pub trouble: Option<String>,
-    /// What an oracle could tell from the recordings.
+    /// Findings that an oracle could make from the recordings.
     pub oracle: Oracle,
-    /// Whether it could tell the truth from all else.
+    /// True where it could tell the truth from all else.
     pub separable: bool,
     /// Errors of free runs on the held-out recording.
     pub held_out: HeldOut,
     /// Parameters found beside the concealed ones.
     pub numbers: Vec<Compared>,
-    /// What the first answer took.
+    /// Time and memory of the first answer.
     pub took: Took,
-    /// What fitting parameters alone took.
+    /// Time and memory of fitting parameters alone.
     pub refit_took: Option<Took>,
 }
 
@@ -82,24 +82,24 @@ pub struct CaseScore {
 const MOVES_THE_PUMP: [&str; 2] = ["pump_droop", "pump_speed"];
 
 impl CaseScore {
-    /// Whether the goals count it as right: at once, or undecided with the truth among the rivals and decided rightly by
+    /// Tells whether the goals count it as right: at once, or undecided with the truth among the rivals and decided rightly by
     /// the proposed experiment.
     pub fn right(&self) -> bool {
         self.first == Outcome::Right || (self.first == Outcome::Undecided && self.last == Outcome::Right)
     }
 
-    /// Whether nothing is concealed in it.
+    /// Tells whether nothing is concealed in it.
     pub fn is_null(&self) -> bool {
         matches!(self.class, Class::Nothing | Class::ParametersMoved)
     }
 
-    /// Whether the pump's ripple keeps no step with the rows, so that no rig file can tell where in it a row of another
+    /// Tells whether the pump's ripple keeps no step with the rows, so that no rig file can tell where in it a row of another
     /// recording lies: a motor that slips, or one whose concealed effect is that it turns otherwise.
     pub fn ripple_is_lost(&self) -> bool {
         self.ripple_beats || self.concealed.split(" + ").any(|id| MOVES_THE_PUMP.contains(&id))
     }
 
-    /// Whether something was named that is not there, be it beside an answer that leaves the rest undecided or unknown. The name of
+    /// Tells whether something was named that is not there, be it beside an answer that leaves the rest undecided or unknown. The name of
     /// a neighbour of what the library lacks does not count.
     pub fn falsely_named(&self) -> bool {
         let beside = self.last != Outcome::Adjacent && self.names.iter().any(|(_, name)| *name == Name::False);
@@ -107,20 +107,20 @@ impl CaseScore {
     }
 }
 
-/// How cases are scored.
+/// Settings of a scoring.
 #[derive(Debug, Clone)]
 pub struct Scoring {
     /// The program.
     pub trainer: Trainer,
     /// Folder of the suite.
     pub suite: PathBuf,
-    /// How its cases were made.
+    /// Settings by which its cases were made.
     pub making: Making,
     /// Folder for what the program writes.
     pub work: PathBuf,
     /// Experiments that an undecided answer may ask for, one after the other.
     pub experiments: usize,
-    /// Whether the parameters alone are fitted as well, for the share of the gain.
+    /// True where the parameters alone are fitted as well, for the share of the gain.
     pub refit: bool,
 }
 
@@ -141,12 +141,12 @@ pub enum ScoringError {
     Folder {
         /// The folder.
         folder: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
 }
 
-/// What went wrong in the program under test.
+/// Trouble of the program under test.
 #[derive(Debug, thiserror::Error)]
 enum Trouble {
     #[error(transparent)]

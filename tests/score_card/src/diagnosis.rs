@@ -39,9 +39,9 @@ impl Verdict {
 /// A parameter with its interval.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Found {
-    /// Its value.
+    /// Value.
     pub value: f64,
-    /// Its unit.
+    /// Unit.
     #[serde(default)]
     pub unit: String,
     /// Lower end of the 90 % interval.
@@ -53,12 +53,12 @@ pub struct Found {
 /// A mechanism that is named.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Named {
-    /// Its id.
+    /// Id.
     pub id: String,
     /// `positive`, `negative` or `both`.
     #[serde(rename = "where", default)]
     pub place: String,
-    /// Its parameters.
+    /// Parameters.
     #[serde(default)]
     pub parameters: BTreeMap<String, Found>,
     /// Ids (perhaps `id:where`) that would do as well.
@@ -66,15 +66,15 @@ pub struct Named {
     pub rivals: Vec<String>,
 }
 
-/// What is judged of a diagnosis.
+/// Parts of a diagnosis that are judged.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Diagnosis {
     /// The answer.
     pub verdict: Verdict,
-    /// What is named.
+    /// Named mechanisms.
     #[serde(default)]
     pub mechanisms: Vec<Named>,
-    /// What the recordings do not tell apart: groups of `id:where`.
+    /// Explanations that the recordings do not tell apart: groups of `id:where`.
     #[serde(default)]
     pub rivals: Vec<Vec<String>>,
     /// Name of the experiment's file.
@@ -90,7 +90,7 @@ pub enum DiagnosisError {
     Read {
         /// The file.
         file: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// Not what the interface says.
@@ -98,7 +98,7 @@ pub enum DiagnosisError {
     Parse {
         /// The file.
         file: PathBuf,
-        /// What is wrong with it.
+        /// Error of the JSON reader.
         source: serde_json::Error,
     },
 }

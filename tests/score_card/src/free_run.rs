@@ -25,7 +25,7 @@ pub struct HeldOut {
     pub first_kpa: Option<Error>,
     /// The last answer's rig.
     pub extended_kpa: Option<Error>,
-    /// What nuisances leave (kPa).
+    /// Error that nuisances leave (kPa).
     pub floor_kpa: Error,
     /// Noise of the readings (kPa).
     pub noise_kpa: Error,
@@ -66,7 +66,7 @@ pub enum TraceError {
     Table {
         /// The file.
         file: PathBuf,
-        /// What the CSV reader said.
+        /// Error of the CSV reader.
         source: csv::Error,
     },
     /// A column is missing or a cell is no number.
@@ -82,9 +82,9 @@ pub enum TraceError {
     Rows {
         /// The file.
         file: PathBuf,
-        /// Its rows.
+        /// Rows.
         rows: usize,
-        /// What they should be.
+        /// Number that there should be.
         expected: usize,
     },
 }

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::diagnosis::{Diagnosis, Named, Verdict};
 
-/// What a named mechanism is beside the truth.
+/// Standing of a named mechanism beside the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Name {
@@ -24,7 +24,7 @@ pub enum Name {
     False,
 }
 
-/// How an answer stands to the truth.
+/// Standing of an answer to the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
@@ -69,7 +69,7 @@ impl Outcome {
     }
 }
 
-/// What pump and rig share: the place says nothing there.
+/// Effects that pump and rig share: the place says nothing there.
 const SHARED: &[&str] =
     &["supply_sag", "cross_leak", "piston_blowby", "pump_droop", "pump_speed", "check_valve_cracking"];
 
@@ -94,12 +94,12 @@ fn place_of(text: &str) -> Option<Place> {
     }
 }
 
-/// Whether a place that is named is that of an effect, or one channel of an effect that sits in both.
+/// Tells whether a place that is named is that of an effect, or one channel of an effect that sits in both.
 fn fits(id: &str, named: &str, place: Place) -> bool {
     SHARED.contains(&id) || place_of(named).is_some_and(|named| named == place || place == Place::Both)
 }
 
-/// Whether an effect is indistinguishable from another parameter by construction: a tank of another size.
+/// Tells whether an effect is indistinguishable from another parameter by construction: a tank of another size.
 fn is_a_parameter(effect: &Effect) -> bool {
     match effect {
         Effect::VolumeChange(change) => change.time_s.is_none(),
@@ -108,7 +108,7 @@ fn is_a_parameter(effect: &Effect) -> bool {
     }
 }
 
-/// What an answer must name: all that is concealed, but what a moved parameter says as well only if there is nothing else.
+/// Effects that an answer must name: all that is concealed, but what a moved parameter says as well only if there is nothing else.
 fn to_be_named(truth: &Truth) -> Vec<&Planted> {
     let physics: Vec<&Planted> = truth.truth.iter().filter(|planted| !is_a_parameter(&planted.effect)).collect();
     if physics.is_empty() { truth.truth.iter().collect() } else { physics }
@@ -131,7 +131,7 @@ pub fn name(named: &Named, truth: &Truth) -> Name {
     }
 }
 
-/// Whether every channel of a concealed effect is named.
+/// Tells whether every channel of a concealed effect is named.
 fn is_named(planted: &Planted, mechanisms: &[Named]) -> bool {
     let id = planted.effect.kind().name();
     let places: Vec<&str> =
@@ -147,7 +147,7 @@ fn is_named(planted: &Planted, mechanisms: &[Named]) -> bool {
     }
 }
 
-/// Whether an explanation `id:where` is a concealed effect's.
+/// Tells whether an explanation `id:where` is a concealed effect's.
 fn is_rival_of(planted: &Planted, rival: &str) -> bool {
     let (id, place) = rival.split_once(':').unwrap_or((rival, ""));
     id == planted.effect.kind().name() && (place.is_empty() || fits(id, place, planted.place))
@@ -216,7 +216,7 @@ fn named(diagnosis: &Diagnosis, truth: &Truth) -> Outcome {
     }
 }
 
-/// What is concealed, as a row of the confusion table: ids (or kinds outside the library), joined.
+/// Concealed effects, as a row of the confusion table: ids (or kinds outside the library), joined.
 pub fn row(truth: &Truth) -> String {
     match truth.class {
         Class::Nothing => "nothing".to_owned(),
@@ -228,7 +228,7 @@ pub fn row(truth: &Truth) -> String {
     }
 }
 
-/// What is answered, as a column of it: the verdict, or the ids that are named.
+/// Answer, as a column of the confusion table: the verdict, or the ids that are named.
 pub fn column(diagnosis: &Diagnosis) -> String {
     match diagnosis.verdict {
         Verdict::MissingPhysics => joined(diagnosis.mechanisms.iter().map(|named| named.id.clone())),

@@ -30,7 +30,7 @@ struct Cli {
     command: Option<Reading>,
 }
 
-/// What is asked of lines that are there.
+/// Use that is made of lines that are there.
 #[derive(Debug, Subcommand)]
 enum Reading {
     /// Prints how often what an answer says is so, over the cases of one or more files of lines
@@ -41,7 +41,7 @@ enum Reading {
     },
 }
 
-/// What is scored.
+/// Suite that is scored, and its cases.
 #[derive(Debug, Args)]
 struct Scored {
     /// The trainer that is judged: path of the program

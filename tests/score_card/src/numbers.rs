@@ -22,26 +22,26 @@ pub struct Compared {
     pub parameter: String,
     /// Unit of both.
     pub unit: String,
-    /// What was concealed.
+    /// Value that was concealed.
     pub truth: f64,
-    /// What was found.
+    /// Value that was found.
     pub found: f64,
     /// Error relative to the truth (of a gain: to its distance from 1).
     pub relative_error: f64,
-    /// Whether the 90 % interval holds the truth; absent where the laws differ or no interval is stated.
+    /// True where the 90 % interval holds the truth; absent where the laws differ or no interval is stated.
     pub covered: Option<bool>,
 }
 
-/// What a truth says about a number of a diagnosis.
+/// Number of a truth that one of a diagnosis is held against.
 struct Like {
     /// A part of the parameter's name.
     name: &'static str,
-    /// Its value in the unit of the rig file (ms, litres …).
+    /// Value in the unit of the rig file (ms, litres …).
     value: f64,
     unit: &'static str,
-    /// Whether both laws are the same.
+    /// True where both laws are the same.
     same_law: bool,
-    /// What errors are relative to, if not the value.
+    /// Scale that errors are relative to, if not the value.
     scale: Option<f64>,
 }
 

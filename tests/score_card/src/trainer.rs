@@ -12,17 +12,17 @@ use serde::{Deserialize, Serialize};
 /// The program.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trainer {
-    /// Its path.
+    /// Path.
     pub program: PathBuf,
     /// Rig to start from: a file or a built-in name.
     pub rig: String,
-    /// Whether `diagnose` is asked to be quick.
+    /// True where `diagnose` is asked to be quick.
     pub quick: bool,
     /// It is ended after this long.
     pub limit: Duration,
 }
 
-/// What a run took.
+/// Time and memory of a run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Took {
     /// Time on the wall (s).
@@ -39,7 +39,7 @@ pub enum TrainerError {
     Start {
         /// The program.
         program: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// It said no.
@@ -47,9 +47,9 @@ pub enum TrainerError {
     Failed {
         /// The subcommand.
         what: &'static str,
-        /// Its status.
+        /// Status.
         status: String,
-        /// Its last line.
+        /// Last line.
         said: String,
     },
     /// It took too long.
@@ -142,7 +142,7 @@ impl Trainer {
     }
 }
 
-/// How often a run is looked at.
+/// Time between two looks at a run.
 const POLL: Duration = Duration::from_millis(25);
 /// Clock ticks of `/proc` per second; 100 on every Linux that is built today.
 const TICKS_PER_S: f64 = 100.0;

@@ -1,4 +1,4 @@
-//! What an answer is worth: by what the program says, how often it is so.
+//! Worth of answers: by what the program says, the share of cases in which it is so.
 //!
 //! A score card asks how often what is concealed is found. Who reads an answer asks the other way round. What comes out
 //! goes for rigs like those of the suite, of which a quarter lack nothing: where more lack something, silence is worth less
@@ -14,10 +14,10 @@ use crate::case::CaseScore;
 use crate::free_run::root_mean_square;
 use crate::judge::{Name, Outcome};
 
-/// What is said, in the order in which it is told.
+/// Kinds of answers, in the order in which it is told.
 const SAID: [&str; 4] = ["something is named", "nothing is missing", "something unknown is missing", "not decided"];
 
-/// What a last answer says: one of [`SAID`].
+/// Kind of a last answer: one of [`SAID`].
 fn said(answer: &str) -> &'static str {
     match answer {
         "adequate" | "parameters_moved" => SAID[1],
@@ -27,7 +27,7 @@ fn said(answer: &str) -> &'static str {
     }
 }
 
-/// How often an answer of one kind is so.
+/// Cases in which an answer of one kind is so.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Kept {
     /// Answers of this kind.
@@ -42,7 +42,7 @@ pub struct Kept {
     pub wrong: usize,
 }
 
-/// What answers are worth.
+/// Worth of answers.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Worth {
     /// Last answers, by what they say.
@@ -55,7 +55,7 @@ pub struct Worth {
 }
 
 impl Worth {
-    /// Of these cases.
+    /// Worth of the answers in these cases.
     pub fn of(cases: &[CaseScore]) -> Self {
         let mut answers: BTreeMap<String, Kept> = BTreeMap::new();
         for case in cases.iter().filter(|case| case.last != Outcome::Failed) {

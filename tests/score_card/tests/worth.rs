@@ -1,4 +1,4 @@
-//! What answers are worth, counted by hand.
+//! Worth of answers, counted by hand.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on should say where
 

@@ -25,12 +25,36 @@ pub enum Comparison {
 impl Comparison {
     /// Comparison of a flight with one before it. What is gained on one channel at the other's cost (more than 5 %) is no gain.
     pub fn of(after: &Tracking, before: &Tracking) -> Self {
-        let [pos, neg] = after.over_by_channel(before);
-        match after.over(before) {
-            over if over * ALIKE < 1.0 && pos.max(neg) <= WORSE => Comparison::Better,
-            over if over <= ALIKE => Comparison::NoDifferent,
+        Ratios::of(after, before).comparison()
+    }
+}
+
+/// Errors of a flight over those of another.
+struct Ratios {
+    /// Geometric mean of both channels.
+    mean: f64,
+    by_channel: [f64; 2],
+}
+
+impl Ratios {
+    fn of(after: &Tracking, before: &Tracking) -> Self {
+        Ratios { mean: after.over(before), by_channel: after.over_by_channel(before) }
+    }
+
+    /// Tells whether the mean of both channels is less by more than flights of one controller differ by.
+    fn is_less(&self) -> bool {
+        self.mean * ALIKE < 1.0
+    }
+
+    fn comparison(&self) -> Comparison {
+        let [pos, neg] = self.by_channel;
+        if self.is_less() && pos.max(neg) <= WORSE {
+            Comparison::Better
+        } else if self.mean <= ALIKE {
+            Comparison::NoDifferent
+        } else {
             // What is no number is no gain.
-            _ => Comparison::Worse,
+            Comparison::Worse
         }
     }
 }
@@ -45,16 +69,16 @@ pub(crate) fn is_kept(policy: &Tracking, best: &Tracking, before: Option<&Tracki
 
 /// Sentence on how the rig tracks now beside before, with what was to be gained where the optimum is known.
 pub(crate) fn headline(after: &Tracking, before: &Tracking, optimum_kpa: Option<[f64; 2]>) -> String {
-    let over = after.over(before);
-    match Comparison::of(after, before) {
+    let ratios = Ratios::of(after, before);
+    match ratios.comparison() {
         Comparison::Better => {
             format!(
                 "tracks better than before: {:.0} % less error (geometric mean of both channels)",
-                100.0 * (1.0 - over)
+                100.0 * (1.0 - ratios.mean)
             )
         }
-        Comparison::NoDifferent if over * ALIKE < 1.0 => {
-            let [pos, neg] = after.over_by_channel(before).map(|times| 100.0 * (times - 1.0));
+        Comparison::NoDifferent if ratios.is_less() => {
+            let [pos, neg] = ratios.by_channel.map(|times| 100.0 * (times - 1.0));
             format!(
                 "tracks better on one channel and worse on the other ({pos:+.0} % and {neg:+.0} % error), which is no gain"
             )
@@ -71,7 +95,7 @@ pub(crate) fn headline(after: &Tracking, before: &Tracking, optimum_kpa: Option<
         Comparison::Worse => {
             format!(
                 "tracks worse than before: {:.0} % more error (geometric mean of both channels)",
-                100.0 * (over - 1.0)
+                100.0 * (ratios.mean - 1.0)
             )
         }
     }

@@ -175,7 +175,7 @@ mod tests {
         forget(&adaptation);
     }
 
-    /// What was recorded since the flight ended is no part of it, however late the daemon is asked: there is none to ask here.
+    /// Ticks that were recorded since the flight ended are no part of it, however late the daemon is asked: there is none to ask here.
     #[test]
     fn diagnosis_reads_the_flight_before_and_nothing_behind_it() {
         let mut adaptation = flown_before("diagnosed", "");

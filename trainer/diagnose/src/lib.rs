@@ -13,6 +13,7 @@
 //! | whether an explanation is better by more than chance; a verdict and its rivals; names that do not hold; what would not show | [`judge`] |
 //! | a time span, or whole recordings, in which the rig was another one; a change that stays | [`event`] |
 //! | a term without a name | [`unknown`] |
+//! | names upheld or taken back, the kind of rig, what could hide beside it | `decision` |
 //! | the experiment that tells rivals apart | [`experiment`] |
 //! | before and after, in words, where; what is still unexplained; what to do next; `diagnosis.json`, `report.html` | [`report`], [`proto::diagnosis`] |
 //!
@@ -26,6 +27,7 @@ extern crate self as diagnose;
 mod made;
 
 pub mod bench;
+mod decision;
 mod error;
 pub mod event;
 pub mod experiment;

@@ -2,39 +2,30 @@
 
 use std::path::PathBuf;
 
-use fit::cores::side_by_side;
 use model::rig::Rig;
-use proto::diagnosis::{Diagnosis, RigKind, Verdict};
+use proto::diagnosis::{ChangeInTime, Diagnosis, RigKind, Verdict};
 use proto::recording::{Recording, short_name};
 
-use crate::bench::{Bench, Explanation};
+use crate::bench::Bench;
+use crate::decision::{Decision, Upheld};
 use crate::error::DiagnoseError;
 use crate::event::changes::{self, changes};
 use crate::event::other_rig::{OtherRig, explained_throughout};
 use crate::event::{self, Event};
-use crate::experiment::{can_be_shut_in, plan};
-use crate::judge::added_uncertainty::variance_beyond_noise;
+use crate::experiment::plan;
 use crate::judge::curved_sensor;
 use crate::judge::extrapolated::extrapolated;
 use crate::judge::implausible_parameters::{self, doubtful, ends_with_its_range, own, sides_alone};
-use crate::judge::kind_of_rig::kind_of_rig;
-use crate::judge::rejected_names::{are_leaks_too_small, objection};
-use crate::judge::step_uncertainty::variance_of_steps;
-use crate::judge::undetectable;
-use crate::judge::undetermined::unname;
-use crate::judge::{Judgement, MOVED, judge_without};
 use crate::pump::answer::{Answer, Asked};
-use crate::pump::switched::REACH_KPA;
 use crate::pump::turning::answered;
 use crate::recordings::checked::{Recorded, without};
-use crate::report::figures::{Figures, figures};
+use crate::report::figures::Figures;
 use crate::report::files::{Outcome, under_its_own_name};
 use crate::report::findings::Findings;
 use crate::report::unexplained::unexplained;
 use crate::search::SearchSettings;
-use crate::search::candidate::{Candidate, candidates, names_of, no_faster_than};
-use crate::search::quick_search::settled;
-use crate::unknown::{self, Formula, fit_unknown};
+use crate::search::candidate::{candidates, no_faster_than};
+use crate::unknown::{self, Formula};
 
 /// Request for a diagnosis.
 #[derive(Debug, Clone)]
@@ -83,7 +74,7 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
     let rig = &turning.rig;
     let whole = turning.bench(&usable, request.quick);
 
-    let (mut formula, mut event) = something_else(&whole, &answer, &request.rig)?;
+    let (formula, event) = something_else(&whole, &answer, &request.rig)?;
     // What known physics leaves unexplained may be something that happened; then the rest is asked by itself.
     let rest = event.as_ref().map(|event| without(event, rig, &turning.records, &usable));
     let rest = rest.as_ref().map(|(records, usable)| whole.over(records, usable, whole.simulator.fidelity()));
@@ -92,97 +83,32 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
         answer = Answer::of(rest, &asked, &turning.point, turning.strokes_of.as_ref(), progress)?;
     }
     let bench = rest.as_ref().unwrap_or(&whole);
-    let Answer { given, reduced, candidates, mut found, mut missing, mut judgement, .. } = answer;
+    let Answer { given, reduced, candidates, found, missing, judgement, .. } = answer;
     let searched = bench.reduced(&reduced);
+    let mut decision =
+        Decision { request, bench, searched: &searched, candidates, found, missing, judgement, formula, event, notes };
 
     progress("running before and after", 0.0);
-    let of = |rig: &Rig| figures(bench, rig, bench.close.fidelity(), !request.quick);
-    let passes = if request.quick { 1 } else { 2 };
-    let shown = |explanation: &&Explanation| -> Result<(Explanation, Figures), DiagnoseError> {
-        let settled = settled(bench, explanation, passes)?;
-        let figures = of(&settled.fitted.rig)?;
-        Ok((settled, figures))
-    };
-    let mut both = vec![&found.nominal];
-    both.extend(Some(&found.best).filter(|best| !best.terms.is_empty()));
-    let mut both = side_by_side(&both, shown).into_iter();
-    let (nominal, fitted) = both.next().unwrap_or_else(|| shown(&&found.nominal))?;
-    let (mut best, mut extended) = both.next().unwrap_or_else(|| Ok((nominal.clone(), fitted.clone())))?;
-    if judgement.is_of_names() || are_leaks_too_small(&searched, &candidates, &found.best)? {
-        if let Some(objection) = objection(&searched, &candidates, &found, [&fitted, &extended])? {
-            notes.push(objection.note);
-            // Where something has no name, what has none is asked as well; of the rest beside an event it is below.
-            formula = match objection.formula {
-                None if objection.missing && event.is_none() => unknown::formula(&searched, &found.nominal),
-                explains => explains,
-            };
-            judgement = if objection.missing {
-                judgement.of_no_name()
-            } else {
-                judge_without(&searched, &candidates, &found, &searched.free_run(asked.given)?)?
-            };
-            (best, extended) = (nominal.clone(), fitted.clone());
-        } else if judgement.verdict == Verdict::MissingPhysics {
-            notes.extend(beside_what_is_named(&candidates, &judgement, &best));
-        }
-    }
-    (found.nominal, found.best) = (nominal, best);
-    turning.judged(&mut judgement);
-    if found.best.jumps && judgement.verdict == Verdict::MissingPhysics {
-        notes.push(JUDGED_IN_THE_MIDDLE.to_owned());
-    }
-
+    let Upheld { fitted, mut extended } = decision.upheld()?;
+    turning.judged(&mut decision.judgement);
+    decision.tell_of_jumps();
     let reidentified = turning.reidentified(bench, fitted.clone(), !request.quick)?;
-    let mut unknown = None;
-    if judgement.verdict == Verdict::UnknownMechanism {
-        progress("shaping a term for what has no name", 0.0);
-        if event.is_some() {
-            // That one was fitted to what happened as well.
-            formula = unknown::formula(&searched, &found.nominal);
-        }
-        unknown = fit_unknown(&searched, &found.nominal, &missing, if request.quick { 2 } else { 4 }, formula)?;
-    }
-    if let Some(mut term) = unknown.take() {
-        term.explanation = settled(bench, &term.explanation, passes)?;
-        let with_it = of(&term.explanation.fitted.rig)?;
-        // Also against parameters alone, where the pump's speed was taken from its ripple. What has no name has nothing but its figures to
-        // speak for it, so it must err less than they do, not just no more but for chance.
-        let holds = |before: &Figures| {
-            with_it.holds_against(before, &bench.sigma_kpa()) && with_it.total_rmse_kpa() < before.total_rmse_kpa()
-        };
-        if holds(&fitted) && holds(&reidentified) {
-            extended = with_it;
-            if let Some(channel) = term.reading {
-                missing.settle_on_reading(channel);
-            }
-            unknown = Some(term);
-        } else {
-            let before = if holds(&fitted) { &reidentified } else { &fitted };
-            notes.push(does_not_hold(&term.depends_on, [before, &with_it]));
-        }
-    }
-
-    let kind = kind_of_rig(bench, &found, unknown.as_ref(), [&given, &extended], &mut judgement, &mut notes);
+    let mut unknown = decision.without_name([&fitted, &reidentified], progress)?.map(|term| {
+        extended = term.figures;
+        term.term
+    });
+    let kind = decision.kind_of_rig(unknown.as_ref(), [&given, &extended]);
     if kind == RigKind::AsGiven {
         (unknown, extended) = (None, given.clone());
     }
-    if can_be_shut_in(rig, bench.records.inputs()) {
-        let base = if judgement.is_of_names() { &found.best } else { &found.nominal };
-        tell_what_could_hide(&searched, &candidates, base, &mut judgement, &mut notes);
-    }
+    decision.tell_what_could_hide();
     progress("planning", 0.0);
-    let plan = match judgement.verdict {
-        Verdict::Undecided => plan(bench, &judgement.rivals.iter().collect::<Vec<_>>())?,
+    let plan = match decision.judgement.verdict {
+        Verdict::Undecided => plan(bench, &decision.judgement.rivals.iter().collect::<Vec<_>>())?,
         _ => None,
     };
-    if judgement.verdict == Verdict::MissingPhysics {
-        let beyond_noise = variance_beyond_noise(&searched, &candidates, &found.best);
-        found.best.fitted.widen(&beyond_noise);
-        let of_steps = variance_of_steps(&searched, &candidates, &found.best);
-        found.best.fitted.widen(&of_steps);
-        let untold = unname(&searched, &candidates, &found.best, turning.heard.is_some(), &mut judgement);
-        notes.extend(may_be_nothing(&candidates, &untold));
-    }
+    decision.hedge(turning.heard.as_ref());
+    let Decision { candidates, found, missing, judgement, mut event, mut notes, .. } = decision;
     let extrapolated = extrapolated(bench, &candidates, &found.best, &judgement.named);
     notes.extend(curved_sensor::in_words(bench, &candidates, &judgement.named));
     if let Some(event) = &mut event {
@@ -202,13 +128,7 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
     let in_part = kind != RigKind::AsGiven && ends_with_its_range(&by.fitted);
     notes.extend(doubtful.iter().map(implausible_parameters::in_words));
     notes.extend(sides_alone.iter().cloned());
-    let changes = if bench.is_much(&extended.beyond_noise_kpa(&bench.sigma_kpa())) {
-        let explained: Vec<&str> =
-            [&given, &fitted].iter().flat_map(|figures| explained_throughout(bench, &figures.trace)).collect();
-        changes(bench, &extended.trace, &explained)
-    } else {
-        Vec::new()
-    };
+    let changes = lasting_changes(bench, &extended, [&given, &fitted]);
     let sources_of = || bench.records.records().iter().map(|r| r.source.as_str());
     notes.extend(changes.iter().skip(1).map(|c| changes::in_words(c, &short_name(&c.recording, sources_of()))));
     Outcome::of(&Findings {
@@ -238,9 +158,6 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
         notes,
     })
 }
-
-const JUDGED_IN_THE_MIDDLE: &str = "where a valve sticks, one jump that comes late throws the open-loop simulation off until the next: what \
-                                    is left was judged by the middle one of all stretches of 2 s";
 
 /// Names of the recordings' files that are not of another rig.
 fn sources(request: &Request, other_rig: Option<&OtherRig>) -> Vec<String> {
@@ -285,52 +202,11 @@ fn something_else(
     Ok((formula, event))
 }
 
-/// Note on terms that are in the rig and have no name.
-fn beside_what_is_named(candidates: &[Candidate], judgement: &Judgement, best: &Explanation) -> Option<String> {
-    let contested = |term: &&usize| judgement.contested.iter().all(|contest| contest.term != **term);
-    let beside: Vec<usize> = best.terms.iter().filter(contested).copied().collect();
-    (!beside.is_empty()).then(|| {
-        format!(
-            "{} is in the rig file as well: it shows while the pump stands, and moves no pressure by {REACH_KPA} kPa elsewhere",
-            names_of(candidates, &beside)
-        )
-    })
-}
-
-/// Note on terms that lost their name since their number may as well be nothing.
-fn may_be_nothing(candidates: &[Candidate], untold: &[usize]) -> Option<String> {
-    (!untold.is_empty()).then(|| {
-        format!(
-            "{} is in the rig file as well, since it fits better with it, and has no name: its number may as well be nothing, by what is \
-             too small for a name in any rig",
-            names_of(candidates, untold)
-        )
-    })
-}
-
-/// Note on a term without a name that makes rows worse that nothing was fitted to.
-fn does_not_hold(depends_on: &str, [fitted, with_it]: [&Figures; 2]) -> String {
-    format!(
-        "{depends_on} was tried and does not hold on validation data ({:.2} kPa instead of {:.2}): it is not in the rig file",
-        with_it.total_rmse_kpa(),
-        fitted.total_rmse_kpa()
-    )
-}
-
-/// Notes what could be there beside an answer without showing; leaks that could stand behind moved parameters are their rivals: the
-/// experiment ends with a shut-in in any case, and tells.
-fn tell_what_could_hide(
-    searched: &Bench<'_>,
-    candidates: &[Candidate],
-    base: &Explanation,
-    judgement: &mut Judgement,
-    notes: &mut Vec<String>,
-) {
-    if matches!(judgement.verdict, Verdict::Adequate | Verdict::ParametersMoved | Verdict::MissingPhysics) {
-        notes.extend(undetectable::in_words(searched, candidates, base));
+/// Lasting changes of what the written rig is off by, where that is much; not in recordings that a rig before it explains throughout.
+fn lasting_changes(bench: &Bench<'_>, written: &Figures, before: [&Figures; 2]) -> Vec<ChangeInTime> {
+    if !bench.is_much(&written.beyond_noise_kpa(&bench.sigma_kpa())) {
+        return Vec::new();
     }
-    if let Some(group) = judgement.groups.iter_mut().find(|group| group.iter().any(|name| name == MOVED)) {
-        let hide = undetectable::leaks_behind(searched, candidates, base);
-        group.extend(hide.into_iter().filter(|name| !group.contains(name)).collect::<Vec<_>>());
-    }
+    let explained: Vec<&str> = before.iter().flat_map(|figures| explained_throughout(bench, &figures.trace)).collect();
+    changes(bench, &written.trace, &explained)
 }

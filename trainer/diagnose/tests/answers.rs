@@ -16,7 +16,7 @@ use fit::simulate::Fidelity;
 use made::{bench, judged, made, made_after, moved, recording};
 use model::rig::Rig;
 
-/// What is looked through: enough to be wrong in many ways, and few enough to be quick.
+/// Candidates that are looked through: enough to be wrong in many ways, and few enough to be quick.
 fn some(rig: &Rig) -> Vec<Candidate> {
     let ids = ["valve_hysteresis", "valve_lag", "chamber_thermal", "chamber_leak", "sensor_lag", "volume_compliance"];
     candidates(rig).into_iter().filter(|c| ids.contains(&c.id.as_str()) && c.form.is_empty()).collect()
@@ -81,7 +81,7 @@ fn the_middle_of_errors_forgives_a_late_jump() {
     }
 }
 
-/// What joins a chamber during a recording is no drift and no larger chamber; its time is looked for, not waited for: no fit
+/// A volume that joins a chamber during a recording is no drift and no larger chamber; its time is looked for, not waited for: no fit
 /// that starts elsewhere sees a slope towards it.
 #[test]
 fn a_volume_that_joins_later_is_named_with_its_time() {
@@ -123,7 +123,7 @@ fn a_volume_that_joins_beside_warm_gas_is_named_with_it() {
     assert_eq!(judgement.verdict, Verdict::MissingPhysics, "{:?}", judgement.groups);
 }
 
-/// What falls more slowly than it rises is no second effect beside the lag.
+/// A fall that is slower than the rise is no second effect beside the lag.
 #[test]
 fn a_lag_that_falls_more_slowly_is_found_as_a_richer_shape() {
     let (rig, mut truth) = moved(&[("volumes.positive.volume_l", 0.98), ("valves.valve_pos.input_area_mm2", 1.02)]);

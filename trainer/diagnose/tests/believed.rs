@@ -1,4 +1,4 @@
-//! What parameters take up beside something that is named.
+//! Physics that parameters take up beside something that is named.
 
 #![allow(clippy::unwrap_used)] // What fails here fails the test.
 

@@ -112,7 +112,7 @@ fn no_vent_need_pass_backwards_to_tell_leaks_apart() {
     }
 }
 
-/// How large a leak the valves' parameters would take up, and how large an error of a sensor's zero: some kPa where the valves are
+/// Sizes of a leak and of an error of a sensor's zero that the valves' parameters would take up: some kPa where the valves are
 /// open all the time, next to nothing once they have been opened and shut with the pump off.
 #[test]
 fn what_would_not_show_is_told_with_its_size() {

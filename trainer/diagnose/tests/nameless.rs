@@ -1,4 +1,4 @@
-//! What is missing and has no name: its place is told, and the rig file gets a formula for it.
+//! Missing physics without a name: its place is told, and the rig file gets a formula for it.
 
 #![allow(clippy::unwrap_used)] // What fails here fails the test.
 

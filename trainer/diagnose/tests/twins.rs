@@ -1,4 +1,4 @@
-//! What is there on both sides, and shows on one.
+//! Physics on both sides that shows on one.
 
 #![allow(clippy::unwrap_used)] // What fails here fails the test.
 

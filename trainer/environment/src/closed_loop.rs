@@ -72,9 +72,9 @@ impl<F: FnMut(&[f32]) -> [f32; ACTION_LEN]> Controller for PolicyController<F> {
 /// One tick of a flight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FlownTick {
-    /// What the sensors showed, noise and converter included, in kPa gauge.
+    /// Readings that the sensors showed, noise and converter included, in kPa gauge.
     pub measured_kpa: Pair,
-    /// What there was to show.
+    /// Pressures that there were to show.
     pub true_kpa: Pair,
     /// The reference as given.
     pub goal_kpa: Pair,
@@ -87,11 +87,11 @@ pub struct FlownTick {
 /// A flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Flown {
-    /// Its ticks.
+    /// Ticks.
     pub ticks: Vec<FlownTick>,
 }
 
-/// How a flight is set up.
+/// Plan of a flight.
 #[derive(Debug, Clone, Copy)]
 pub struct FlightPlan<'a> {
     /// The rig that is flown.
@@ -100,7 +100,7 @@ pub struct FlightPlan<'a> {
     pub model: Option<&'a Rig>,
     /// The reference.
     pub reference: &'a Reference,
-    /// How long, in s.
+    /// Length, in s.
     pub seconds: f64,
     /// Noise of the converter in V RMS.
     pub noise_v_rms: f64,

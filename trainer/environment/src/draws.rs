@@ -1,41 +1,39 @@
 //! Random numbers: one stream for each purpose, so that one more draw here changes nothing there.
 
+use proto::split_mix::SplitMix64;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
-/// What a stream of random numbers is for.
+/// Purpose of a stream of random numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Purpose {
     /// Rig parameters and mechanisms.
     Rig,
     /// References.
     Reference,
-    /// Where an episode begins.
+    /// Beginning of an episode.
     Start,
     /// Seeds of the sensors' noise.
     Noise,
-    /// How long an episode's warm-up takes.
+    /// Length of an episode's warm-up.
     WarmUp,
-    /// At which ticks a flight is branched.
+    /// Ticks at which a flight is branched.
     Branch,
-    /// In which order branches are learned from.
+    /// Order in which branches are learned from.
     Shuffle,
 }
 
 /// The stream of a seed, a purpose, an episode and a lane.
 ///
-/// The four are mixed by the finaliser of SplitMix64 (Steele, Lea, Flood, OOPSLA 2014), one after the other, into
-/// the seed of a PCG generator (O'Neill, 2014), whose numbers are the same on every machine.
+/// The four are mixed by SplitMix64, one after the other, into the seed of a PCG generator (O'Neill, 2014), whose numbers are
+/// the same on every machine.
 pub fn stream(seed: u64, purpose: Purpose, episode: u64, lane: usize) -> Pcg64Mcg {
     let mixed = [purpose as u64 + 1, episode, lane as u64].into_iter().fold(mix(seed), |key, part| mix(key ^ part));
     Pcg64Mcg::seed_from_u64(mixed)
 }
 
 fn mix(value: u64) -> u64 {
-    let value = value.wrapping_add(0x9E37_79B9_7F4A_7C15);
-    let value = (value ^ (value >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    let value = (value ^ (value >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    value ^ (value >> 31)
+    SplitMix64::new(value).next_u64()
 }
 
 #[cfg(test)]

@@ -43,7 +43,7 @@ pub enum EnvironmentError {
     Rig {
         /// The rig's name.
         name: String,
-        /// What is wrong.
+        /// Fault.
         error: RigError,
     },
     /// A setting is out of its range.
@@ -51,7 +51,7 @@ pub enum EnvironmentError {
     Setting {
         /// The key in the configuration.
         key: String,
-        /// What is wrong and the mend.
+        /// Fault and its mend.
         problem: String,
     },
 }

@@ -1,4 +1,4 @@
-//! Whether the plan that MPObs rolls ahead is what is then done.
+//! Check of the plan that MPObs rolls ahead against what is then done.
 //!
 //! ```text
 //! e_plan(τ)      = õ(τ+5) − o(τ+5)      õ rolled at τ from the plan of τ−1
@@ -64,9 +64,9 @@ impl<C: Controller> Controller for Watched<C> {
 /// Errors five ticks ahead, root mean squares in kPa, positive and negative channel.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PlanErrors {
-    /// Of MPObs, rolled from the plan.
+    /// Error of MPObs, rolled from the plan.
     pub plan_kpa: Pair,
-    /// Of "nothing changes".
+    /// Error of "nothing changes".
     pub unchanged_kpa: Pair,
 }
 

@@ -91,7 +91,7 @@ fn stretches(map: &SteadyMap, ticks: usize, random: &mut impl Rng) -> Vec<Pair> 
     reference
 }
 
-/// Whether the averaged model can follow, steps left aside.
+/// Tells whether the averaged model can follow, steps left aside.
 fn follows(map: &SteadyMap, reference: &[Pair]) -> bool {
     reference.windows(2).step_by(5).all(|pair| {
         let [before, after] = pair else { return true };

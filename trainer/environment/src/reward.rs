@@ -14,7 +14,7 @@ use model::observation::{AHEAD, Pair};
 
 use crate::settings::RewardSettings;
 
-/// What counts of an error beyond the limit.
+/// Share that counts of an error beyond the limit.
 const BEYOND: f64 = 0.1;
 
 /// The reward of being where the measurement says, with the predictions that there are.

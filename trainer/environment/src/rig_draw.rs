@@ -263,7 +263,7 @@ mod tests {
         }
     }
 
-    /// What a rig file holds is varied, never drawn anew or removed, and the rest is added to it.
+    /// Mechanisms of a rig file are varied, never drawn anew or removed, and the rest is added to it.
     #[test]
     fn what_stands_in_the_file_is_drawn_around_and_added_to() {
         let mut nominal = Rig::builtin("dual_pressure").unwrap();

@@ -1,4 +1,4 @@
-//! How well a flight went: tracking error, action change, hunting.
+//! Score of a flight: tracking error, action change, hunting.
 
 use law::TICK_S;
 use model::observation::{CHANNELS, Pair};
@@ -9,7 +9,7 @@ use crate::closed_loop::FlownTick;
 /// The first seconds of a flight, which are not counted: the rig comes from rest.
 pub const SKIPPED_S: f64 = 5.0;
 
-/// The same in ticks.
+/// Skipped time in ticks.
 pub(crate) fn skipped_ticks() -> usize {
     (SKIPPED_S / TICK_S) as usize
 }

@@ -24,7 +24,7 @@ pub struct EnvironmentSettings {
     pub correction_duty: f64,
     /// The reward.
     pub reward: RewardSettings,
-    /// How far parameters are drawn from the rig's own.
+    /// Range to which parameters are drawn from the rig's own.
     pub spread: DomainRandomization,
     /// Mechanisms that are drawn.
     pub mechanisms: Vec<MechanismDraw>,
@@ -58,12 +58,12 @@ pub struct RewardSettings {
     pub last: f64,
     /// Factors of the positive and the negative channel's errors; the paper has 1 and 1.
     pub channels: [f64; 2],
-    /// Of errors beyond these, in kPa, only a tenth counts: a rig that is on its way cannot do better, and its large errors would
+    /// Errors, in kPa, beyond which only a tenth counts: a rig that is on its way cannot do better, and its large errors would
     /// drown the small ones in the critics' scale. The paper has no such limit.
     pub most_kpa: [f64; 2],
     /// Factor of the whole; the paper has 1.
     pub scale: f64,
-    /// Whether the errors paid for are those of the readings before noise, which a simulation knows; the paper pays for
+    /// True where the errors paid for are those of the readings before noise, which a simulation knows; the paper pays for
     /// what is measured. The noise is the same whatever the policy does, and only blurs what the critics learn from.
     pub noise_free: bool,
     /// Prices of the positive and the negative valve's correction, per square of its share of the range it may have;
@@ -89,7 +89,7 @@ impl Default for RewardSettings {
     }
 }
 
-/// How far parameters are drawn from the rig's own: uniformly within ± so many percent, each by itself.
+/// Range to which parameters are drawn from the rig's own: uniformly within ± so many percent, each by itself.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DomainRandomization {
@@ -108,7 +108,7 @@ pub struct DomainRandomization {
 }
 
 impl DomainRandomization {
-    /// Whether anything is spread.
+    /// Tells whether anything is spread.
     pub fn is_any(&self) -> bool {
         *self != DomainRandomization::default()
     }
@@ -119,7 +119,7 @@ impl DomainRandomization {
 pub struct MechanismDraw {
     /// The mechanism's id, as in rig files.
     pub id: String,
-    /// What it is attached to. Where the rig has no component of that name, `valve_pos`, `valve_neg`, `positive` and
+    /// Component that it is attached to. Where the rig has no component of that name, `valve_pos`, `valve_neg`, `positive` and
     /// `negative` mean the valve that `u_pos` or `u_neg` commands and the chamber that `p_pos_kpa` or `p_neg_kpa` is read in.
     pub component: String,
     /// Share of rigs in which every parameter stands at its lowest (no backlash, no lag, no delay). Each mechanism is drawn

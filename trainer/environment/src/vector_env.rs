@@ -33,18 +33,18 @@ pub const ENVELOPE_KPA: Pair = [160.0, -95.0];
 const FROM_REST: f64 = 0.04;
 /// Share that begins anywhere.
 const FROM_ANYWHERE: f64 = 0.06;
-/// How far from the reference the others begin, in kPa RMS.
+/// Distance from the reference at which the others begin, in kPa RMS.
 const NEAR_KPA: Pair = [1.5, 0.7];
 
 /// The shortest warm-up, as a share of the longest.
 const LEAST_WARM_UP: f64 = 0.1;
 
-/// What a step of all eight led to.
+/// Result of a step of all eight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Step {
     /// Rewards.
     pub rewards: [f32; SIDE_BY_SIDE],
-    /// Whether the rig left its envelope: nothing comes after.
+    /// True where the rig left its envelope: nothing comes after.
     pub terminal: [bool; SIDE_BY_SIDE],
     /// Error of the measured pressures in kPa: less what the rig's sensors show of chambers on the goal.
     pub error_kpa: [Pair; SIDE_BY_SIDE],
@@ -84,7 +84,7 @@ struct EnvInstance {
     approach: SoftStart,
     approach_from: usize,
     situation: ControlInput,
-    /// What the rig's sensors show of chambers on the goals, up to the present one.
+    /// Readings of the rig's sensors of chambers on the goals, up to the present one.
     shown_reference: ShownReference,
     /// Readings with the chambers on the goals, now and in the next ticks: the goals themselves where no sensor is late.
     shown_kpa: [Pair; AHEAD + 1],
@@ -237,17 +237,17 @@ impl VectorEnv {
         self.next_observation.clone_from(&other.next_observation);
     }
 
-    /// What the policy is told, eight rows of [`ObservationLayout::observation_len`] numbers.
+    /// Observations for the policy, eight rows of [`ObservationLayout::observation_len`] numbers.
     pub fn observations(&self) -> &[f32] {
         &self.observations
     }
 
-    /// What the last step led to, before rigs that left their envelope were started anew.
+    /// Observations that the last step led to, before rigs that left their envelope were started anew.
     pub fn next_observation(&self) -> &[f32] {
         &self.next_observation
     }
 
-    /// Whether the episode's time is over: a truncation, no terminal state.
+    /// Tells whether the episode's time is over: a truncation, no terminal state.
     pub fn is_truncated(&self) -> bool {
         self.tick >= self.ticks
     }
@@ -419,7 +419,7 @@ impl EnvInstance {
     }
 }
 
-/// What twelve numbers within −1 … 1 mean under a contract: duties, or corrections of the fallback's.
+/// Meaning of twelve numbers within −1 … 1 under a contract: duties, or corrections of the fallback's.
 pub fn outputs(contract: ObservationLayout, settings: &EnvironmentSettings, action: &[f32]) -> [f32; ACTION_LEN] {
     let (middle, half) = match contract {
         ObservationLayout::Paper => {

@@ -19,7 +19,7 @@ use crate::optimal_open_loop::OptimalOpenLoop;
 use crate::repeated::RepeatedFallback;
 use crate::table::{Cell, OPTIMUM, Row};
 
-/// What a controller is told of the rig that it flies.
+/// Knowledge of a controller about the rig that it flies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Knowledge {
     /// The comparison's model.
@@ -29,7 +29,7 @@ pub enum Knowledge {
 }
 
 impl Knowledge {
-    /// How tables name it.
+    /// Name in tables.
     pub fn label(self) -> &'static str {
         match self {
             Knowledge::Model => "",
@@ -45,14 +45,14 @@ pub enum ControllerUnderTest {
     Fallback(Knowledge),
     /// The fallback, which has flown the reference before and learned from it.
     Repeated {
-        /// What it is told of the rig.
+        /// Knowledge about the rig.
         knowledge: Knowledge,
         /// Flights, of which the last one counts.
         flights: usize,
     },
     /// Offset-free nonlinear MPC.
     Mpc {
-        /// What it is told of the rig.
+        /// Knowledge about the rig.
         knowledge: Knowledge,
         /// Times of its ticks, for all flights.
         times: Arc<TickTimes>,
@@ -61,7 +61,7 @@ pub enum ControllerUnderTest {
     Dob(Dob),
     /// Policies that differ in nothing but their seed.
     Policies {
-        /// What they are called in the table.
+        /// Name in the table.
         label: String,
         /// One for each seed.
         policies: Vec<Arc<TrainedPolicy>>,
@@ -71,7 +71,7 @@ pub enum ControllerUnderTest {
 }
 
 impl ControllerUnderTest {
-    /// Its name in tables.
+    /// Name in tables.
     pub fn label(&self) -> String {
         match self {
             ControllerUnderTest::Fallback(knowledge) => format!("fallback PI{}", knowledge.label()),
@@ -89,7 +89,7 @@ impl ControllerUnderTest {
     }
 }
 
-/// What is flown.
+/// Flights of a comparison.
 pub struct Comparison {
     /// The model behind MPObs, feed-forward and linearisation.
     pub model: Rig,

@@ -10,11 +10,11 @@ pub enum JoinError {
     Columns {
         /// The later table.
         file: String,
-        /// Its columns.
+        /// Columns.
         columns: Vec<String>,
         /// The first table.
         first: String,
-        /// Its columns.
+        /// Columns.
         expected: Vec<String>,
     },
     /// Nothing tells whether the rigs are the same.
@@ -47,7 +47,7 @@ pub enum JoinError {
     },
 }
 
-/// What other noise may do to an error: a fifth of it, or this many kPa.
+/// Change that other noise may make to an error: a fifth of it, or this many kPa.
 const NOISE_SHARE: f64 = 0.2;
 const NOISE_KPA: f64 = 0.02;
 

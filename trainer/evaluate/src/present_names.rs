@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Deserializer};
 
-/// What tables called things, and what they call them; a name that ends in a space goes on.
+/// Names of earlier tables, and the present ones; a name that ends in a space goes on.
 const NAMES: [(&str, &str); 4] = [
     ("limit (rig and reference known)", crate::table::OPTIMUM),
     ("iterative learning, flight ", "iterative learning, run "),

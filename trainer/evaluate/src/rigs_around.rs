@@ -8,7 +8,7 @@ use environment::{DomainRandomization, EnvironmentError, EnvironmentSettings, Ri
 use model::rig::{MechanismInstance, Rig, RigError};
 use rand::{Rng, RngExt as _};
 
-/// How far parameters are drawn, in percent.
+/// Distance to which parameters are drawn, in percent.
 pub const PARAMETERS: f64 = 3.0;
 /// Between which multiples of its own a mechanism's magnitude is drawn.
 pub const MECHANISMS: [f64; 2] = [0.5, 1.5];
@@ -43,7 +43,7 @@ pub fn rigs_around(rig: &Rig, count: usize, seed: u64) -> Result<Vec<Rig>, Envir
         .collect()
 }
 
-/// The same mechanism with every number times a drawn factor.
+/// Mechanism with every number times a drawn factor.
 fn scaled(attached: &MechanismInstance, random: &mut impl Rng) -> Result<MechanismInstance, RigError> {
     let unsound = |problem: String| RigError::at("mechanisms", problem);
     let mut table = toml::Table::try_from(attached).map_err(|e| unsound(e.to_string()))?;

@@ -248,7 +248,7 @@ impl Case {
         Quality::of(&self.rig, &records, &noise(&records)).unwrap()
     }
 
-    /// What makes the recording unusable is of this kind alone, and says these words.
+    /// Asserts that what makes the recording unusable is of this kind alone, and says these words.
     #[track_caller]
     fn is_told(&self, trouble: Trouble, words: &[&str]) {
         let found = self.quality().findings;
@@ -339,7 +339,7 @@ fn sensors_that_stand_for_most_of_a_recording_are_told() {
     }
 }
 
-/// What a unit nearly explains is told with the counts' own scale, and first where the rig follows that.
+/// Counts that a unit nearly explains are told with the counts' own scale, and first where the rig follows that.
 #[test]
 fn counts_of_a_converter_come_with_their_numbers() {
     let counts = |range_kpa: f64| move |p: f64| (p / range_kpa * 4095.0).round();

@@ -35,14 +35,14 @@ pub struct FreeRun {
     steady: OnceCell<Option<SteadyMap>>,
 }
 
-/// What a free run gave.
+/// Result of a free run.
 #[derive(Debug)]
 pub struct Trace {
     /// Simulated readings in gauge kPa: one column per sensor of the rig, one number per row.
     pub readings_kpa: Vec<Vec<f64>>,
-    /// How the first stretch started.
+    /// Start of the first stretch.
     pub start: FreeRunStart,
-    /// Whether the recording had pressures to start from.
+    /// True where the recording had pressures to start from.
     pub pressures_given: bool,
 }
 
@@ -119,7 +119,7 @@ impl FreeRun {
         Arc::clone(self.simulation.plant())
     }
 
-    /// Whether some valve's flapper may lie anywhere in a room of its own when a recording begins.
+    /// Tells whether some valve's flapper may lie anywhere in a room of its own when a recording begins.
     pub fn has_flappers(&self) -> bool {
         !self.rooms.is_empty()
     }

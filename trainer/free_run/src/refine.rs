@@ -1,4 +1,4 @@
-//! How much finer than its rig file a simulation is integrated.
+//! Factor by which a simulation is integrated more finely than its rig file says.
 
 /// Integrator steps per step of the rig file, unless another number is asked for: at four the result no longer depends on the step.
 pub const REFINE: u32 = 4;

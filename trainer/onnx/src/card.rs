@@ -1,4 +1,4 @@
-//! What a policy file says about itself: its metadata.
+//! Metadata of a policy file: what it says about itself.
 //!
 //! | key | holds |
 //! | --- | --- |

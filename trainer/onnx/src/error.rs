@@ -1,6 +1,6 @@
 //! Why a network is not exported, or not read back: one line each, with the mend.
 
-/// What is wrong with a network or with what is said about it.
+/// Fault of a network or of what is said about it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExportError {
@@ -48,9 +48,9 @@ pub enum ExportError {
         layer: usize,
         /// `weights` or `biases`.
         what: &'static str,
-        /// How many there are.
+        /// Number that there are.
         found: usize,
-        /// How many belong there.
+        /// Number that belongs there.
         expected: usize,
     },
     /// The output maps are not as many as the last layer's outputs.
@@ -74,7 +74,7 @@ pub enum ExportError {
     /// An output that can leave its range.
     #[error("output {name} reaches {low} to {high}, observation layout v{contract} lets it be {lowest} to {highest}")]
     OutputRange {
-        /// Its name.
+        /// Name.
         name: String,
         /// Where the tanh's lower end is mapped.
         low: f32,
@@ -107,9 +107,9 @@ pub enum ExportError {
         pair: usize,
         /// Place in the output.
         output: usize,
-        /// What the pair says.
+        /// Answer of the pair.
         expected: f32,
-        /// What the graph gives.
+        /// Answer of the graph.
         exported: f32,
     },
     /// More pairs than a reader takes.
@@ -138,7 +138,7 @@ pub enum ImportError {
     /// ONNX that this crate did not write.
     #[error("was not written by this trainer ({what}); the controller may fly it, the trainer cannot")]
     Foreign {
-        /// What tells.
+        /// Text that tells.
         what: String,
     },
     /// A network that is unsound.

@@ -1,4 +1,4 @@
-//! What is exported: scaled features of the observation, dense layers with rectifiers, a tanh mapped to duties.
+//! Network that is exported: scaled features of the observation, dense layers with rectifiers, a tanh mapped to duties.
 //!
 //! ```text
 //! f_k = ((x[plus_k] − x[minus_k]) − offset_k) · scale_k
@@ -18,9 +18,9 @@ pub struct FeatureTerm {
     pub plus: usize,
     /// Place of the observation that is taken off, if one is.
     pub minus: Option<usize>,
-    /// What is taken off, in the observation's unit.
+    /// Offset that is taken off, in the observation's unit.
     pub offset: f32,
-    /// What it is multiplied by, in 1 over that unit.
+    /// Factor, in 1 over that unit.
     pub scale: f32,
 }
 
@@ -37,12 +37,12 @@ pub struct Dense {
     pub biases: Vec<f32>,
 }
 
-/// What an output's tanh is mapped to.
+/// Range that an output's tanh is mapped to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OutputMap {
     /// Half of the range.
     pub scale: f32,
-    /// Its middle.
+    /// Middle.
     pub shift: f32,
 }
 
@@ -58,7 +58,7 @@ impl OutputMap {
 pub struct PolicyGraph {
     /// Observations.
     pub inputs: usize,
-    /// What the first layer is told.
+    /// Features of the first layer.
     pub features: Vec<FeatureTerm>,
     /// Rectified but for the last, whose outputs go through the tanh.
     pub layers: Vec<Dense>,
@@ -67,7 +67,7 @@ pub struct PolicyGraph {
 }
 
 impl PolicyGraph {
-    /// Whether sizes fit and all numbers are finite.
+    /// Tells whether sizes fit and all numbers are finite.
     ///
     /// # Errors
     /// The first [`ExportError`] about sizes, places and values.

@@ -15,7 +15,7 @@ use crate::protobuf::{Fields, Value};
 pub struct Exported {
     /// The network.
     pub graph: PolicyGraph,
-    /// What the file says about itself, by key ([`crate::card`]).
+    /// Metadata of the file, by key ([`crate::card`]).
     pub metadata: BTreeMap<String, String>,
 }
 
@@ -90,7 +90,7 @@ fn graph_of(bytes: &[u8]) -> Result<PolicyGraph, ImportError> {
     })
 }
 
-/// What each column of the picking matrix picks.
+/// Features that the columns of the picking matrix pick.
 fn features(picked: &Tensor, offsets: &[f32], scales: &[f32]) -> Result<Vec<FeatureTerm>, ImportError> {
     let [inputs, features] = shape(picked)?;
     let place = |feature: usize, sign: f32| {

@@ -13,7 +13,7 @@ use onnx_file::{Ports, to_onnx};
 /// Hidden sums of some hundred products in f32 against f64: measured at most 6e-7. The issue asks for 1e-5.
 const TOLERANCE: f32 = 1e-5;
 
-/// Whether Python has what the script imports; says so once where not.
+/// Tells whether Python has what the script imports; says so once where not.
 fn available() -> bool {
     let probe = Command::new("python3").args(["-c", "import numpy, onnx, onnxruntime"]).output();
     let found = probe.is_ok_and(|output| output.status.success());
@@ -76,7 +76,7 @@ fn onnxruntime_answers_as_the_network_does() {
     }
 }
 
-/// What the ONNX package reads back is what was said, and golden numbers are the same f32.
+/// The ONNX package reads back what was said, and golden numbers are the same f32.
 #[test]
 fn metadata_read_back() {
     if !available() {

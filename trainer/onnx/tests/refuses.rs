@@ -1,4 +1,4 @@
-//! What must not become a file, and that one network always becomes the same file.
+//! Networks that must not become a file, and one that always becomes the same file.
 #![allow(clippy::unwrap_used)] // a test's own set-up; clippy knows tests only by their attribute
 
 mod networks;

@@ -26,7 +26,7 @@ use crate::trace::Trace;
 /// Under the root of CAPS' distances, so that it has a slope at zero.
 const ROOT_FLOOR: f32 = 1e-8;
 
-/// What the third phase reads.
+/// Inputs of the third phase.
 pub(crate) struct ActorPhase<'a> {
     pub(crate) frame: &'a Frame,
     pub(crate) actor: &'a NetView<'a>,

@@ -7,7 +7,7 @@ use crate::replay::Replay;
 use crate::settings::{Settings, Shape};
 use crate::trace::{Hidden, Trace, panel_lines};
 
-/// What does not change while a learner lives.
+/// Parts that do not change while a learner lives.
 #[derive(Debug)]
 pub(crate) struct Frame {
     pub(crate) cpu: Cpu,
@@ -61,7 +61,7 @@ pub(crate) struct Smoothness {
 }
 
 impl Smoothness {
-    /// Whether this view of the samples takes part.
+    /// Tells whether this view of the samples takes part.
     pub(crate) fn wants(self, view: View) -> bool {
         match view {
             View::Here => true,
@@ -79,7 +79,7 @@ pub(crate) type Lanes = [Line; 2];
 
 pub(crate) const NO_LANES: Lanes = [Line::ZERO; 2];
 
-/// What is reported of each sample.
+/// Figures of each sample that are reported.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Records {
     pub(crate) critic_loss: Lanes,
@@ -130,7 +130,7 @@ pub(crate) struct Panel {
     pub(crate) next: Glance,
     pub(crate) next_log_probability: Lanes,
     pub(crate) next_joint: Lines,
-    /// What the slow critics say to it.
+    /// Values by the slow critics.
     pub(crate) slow_value: [Lanes; 2],
     pub(crate) records: Records,
 }
@@ -146,7 +146,7 @@ pub(crate) struct Scratch {
     /// Samples that a judge passes back, put together from several panels.
     pub(crate) judge: Trace,
     pub(crate) hidden: Hidden,
-    /// What a critic says about the actions, two lines each.
+    /// Gradient of a critic by the actions, two lines each.
     pub(crate) action_gradient: Lines,
     /// The sampled actions and `σ ε` of each, two lines each.
     pub(crate) action: Lines,
@@ -235,7 +235,7 @@ pub(crate) struct Draw<'a> {
     pub(crate) scratch: &'a mut Scratch,
 }
 
-/// How many rows ahead memory is asked for.
+/// Number of rows ahead for which memory is asked.
 const AHEAD: usize = 8;
 
 impl Work for Draw<'_> {

@@ -14,7 +14,7 @@ use crate::policy_sample::Sample;
 use crate::replay::Replay;
 use crate::{adam::AdamStep, trace::Trace};
 
-/// What the first phase reads.
+/// Inputs of the first phase.
 pub(crate) struct CriticPhase<'a> {
     pub(crate) frame: &'a Frame,
     pub(crate) replay: &'a Replay,
@@ -88,7 +88,7 @@ fn sum(a: &Lanes, b: &Lanes) -> Lanes {
     std::array::from_fn(|half| Line(std::array::from_fn(|l| a[half].0[l] + b[half].0[l])))
 }
 
-/// What a target is made of.
+/// Parts of a target.
 struct Target<'a> {
     reward: &'a Lanes,
     live: &'a Lanes,

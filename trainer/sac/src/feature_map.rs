@@ -17,7 +17,7 @@ pub struct Feature {
     pub plus: usize,
     /// Entry taken off it.
     pub minus: Option<usize>,
-    /// What is taken off next, in the unit of the entry.
+    /// Offset that is taken off next, in the unit of the entry.
     pub offset: f32,
     /// Factor at last.
     pub scale: f32,

@@ -13,7 +13,7 @@ use crate::replay::{Replay, Transition, TransitionError};
 use crate::settings::{Settings, SettingsError, Shape, TemperatureRule};
 use crate::workers::{ActorUpdate, Job, Shared, Sums, Temperature, Workers, read, write};
 
-/// What the learner runs on; no bit of any result depends on it.
+/// Machine that the learner runs on; no bit of any result depends on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Machine {
     /// Threads in an update, at least 1 and at most a 32nd of the batch; more are not used.
@@ -23,7 +23,7 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// So many threads with the fastest instructions.
+    /// Machine with this number of threads and the fastest instructions.
     pub fn with_threads(threads: usize) -> Self {
         Self { threads, cpu: Cpu::best() }
     }
@@ -57,15 +57,15 @@ pub struct UpdateReport {
     pub actor_loss: f64,
     /// α after the updates.
     pub temperature: f64,
-    /// Of the policy at the batch, nats.
+    /// Entropy of the policy at the batch, nats.
     pub entropy: f64,
-    /// Of the smaller critic at the policy's actions.
+    /// Mean value of the smaller critic at the policy's actions.
     pub mean_q: f64,
     /// Mean distance of (9), before its weight; 0 where it is not computed.
     pub caps_t: f64,
     /// Mean distance of (10), before its weight; 0 where it is not computed.
     pub caps_s: f64,
-    /// Whether all of this and all weights are numbers; where not, the run has diverged.
+    /// True where all of this and all weights are numbers; where not, the run has diverged.
     pub finite: bool,
 }
 
@@ -233,12 +233,12 @@ impl Learner {
         Ok(out)
     }
 
-    /// So many updates; does nothing while the replay is empty.
+    /// Does this number of updates; nothing while the replay is empty.
     pub fn update(&mut self, times: u64) -> UpdateReport {
         self.update_with(times, ActorUpdate::Learns)
     }
 
-    /// So many updates of the critics alone, under an actor and a temperature that stay as they are: critics that begin
+    /// Does this number of updates of the critics alone, under an actor and a temperature that stay as they are: critics that begin
     /// beside a policy from elsewhere first learn what it is worth (Zhou et al., WSRL, 2024). The report's figures of the
     /// actor are 0.
     pub fn update_critics(&mut self, times: u64) -> UpdateReport {

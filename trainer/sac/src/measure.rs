@@ -1,4 +1,4 @@
-//! How fast the learner is on this machine, beside what the machine could do.
+//! Speed of the learner on this machine, beside what the machine could do.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};

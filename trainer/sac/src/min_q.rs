@@ -1,4 +1,4 @@
-//! What the critics say about the actor's actions: `∂ min_i Q_i / ∂a`.
+//! Gradient of the critics by the actor's actions: `∂ min_i Q_i / ∂a`.
 //!
 //! Only the smaller critic of each sample has a gradient. So a thread puts the samples of all its panels together
 //! anew, by the critic that is the smaller, and passes each critic's own samples back through it alone: about half of

@@ -29,7 +29,7 @@ pub struct Network {
     pub log_std: Option<Dense>,
 }
 
-/// What is wrong with a network.
+/// Fault of a network.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NetworkError {
     /// Layers that do not fit each other, or numbers that are none.
@@ -37,15 +37,15 @@ pub enum NetworkError {
     Layer {
         /// Which, from 0.
         layer: usize,
-        /// What it must be.
+        /// Rule that it breaks.
         rule: &'static str,
     },
     /// Another size than the learner's.
     #[error("policy has layers {found:?}, the learner {expected:?}; give the learner the same hidden widths")]
     Widths {
-        /// Of the network.
+        /// Sizes of the network.
         found: Vec<usize>,
-        /// Of the learner.
+        /// Sizes of the learner.
         expected: Vec<usize>,
     },
     /// Other features than the learner's.
@@ -99,13 +99,14 @@ impl Network {
         Ok(())
     }
 
-    /// The deterministic action of one raw observation, each entry in (-1, 1).
-    pub fn mean_action(&self, observation: &[f32]) -> Vec<f32> {
+    /// As [`Self::mean_action_with`], in memory of its own.
+    #[cfg(test)]
+    pub(crate) fn mean_action(&self, observation: &[f32]) -> Vec<f32> {
         let mut workspace = Workspace::default();
         self.mean_action_with(&mut workspace, observation).to_vec()
     }
 
-    /// As [`Self::mean_action`], in memory that is kept between calls.
+    /// Deterministic action of one raw observation, each entry in (-1, 1), in memory that is kept between calls.
     pub fn mean_action_with<'w>(&self, workspace: &'w mut Workspace, observation: &[f32]) -> &'w [f32] {
         workspace.front.resize(self.features.features().len(), 0.0);
         Cpu::best().run(Pass { network: self, observation, workspace });
@@ -139,7 +140,7 @@ struct Pass<'a> {
 
 impl Work for Pass<'_> {
     type Output = ();
-    /// The same products in the same order as the learner's kernels: the same bits.
+    /// Does the same products in the same order as the learner's kernels: the same bits.
     #[inline(always)]
     fn run<V: Vector>(self) {
         let Workspace { front, back } = self.workspace;

@@ -122,7 +122,7 @@ impl Slab {
         }
     }
 
-    /// Whether all values are numbers.
+    /// Tells whether all values are numbers.
     pub(crate) fn is_finite(&self) -> bool {
         // 0 x is zero for every number and NaN for what is none.
         let sum = |lines: &[Line]| {

@@ -8,7 +8,7 @@ use std::array::from_fn;
 use crate::elementary::{ln, sin_cos_of_turns};
 use crate::kernel::WIDTH;
 
-/// What numbers are drawn for; each use has a counter space of its own.
+/// Purpose that numbers are drawn for; each use has a counter space of its own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Purpose {
     /// Rows of the replay.
@@ -130,7 +130,7 @@ mod tests {
         }
     }
 
-    /// Of 320,000 normals: moments within five standard errors, tails and both outputs' correlation too.
+    /// 320,000 normals have moments within five standard errors, tails and both outputs' correlation too.
     #[test]
     fn normals_are_normal() {
         let random = Random::new(1);

@@ -18,7 +18,7 @@ pub struct Transition<'a> {
     pub reward: f32,
     /// Raw observation after it (where an episode ended: its last one, not the next episode's first).
     pub next_observation: &'a [f32],
-    /// Whether the episode ended for good; a time limit does not.
+    /// True where the episode ended for good; a time limit does not.
     pub terminal: bool,
 }
 
@@ -28,9 +28,9 @@ pub struct Transition<'a> {
 pub struct TransitionError {
     /// Which part.
     pub part: &'static str,
-    /// What it should have.
+    /// Number that it should have.
     pub expected: usize,
-    /// What it has.
+    /// Number that it has.
     pub found: usize,
 }
 

@@ -1,4 +1,4 @@
-//! What a learner is told: sizes and Table IV of the paper.
+//! Settings of a learner: sizes and Table IV of the paper.
 
 use std::ops::Range;
 
@@ -141,6 +141,6 @@ impl Settings {
 pub struct SettingsError {
     /// Which one.
     pub key: &'static str,
-    /// What it must be.
+    /// Rule that it breaks.
     pub rule: &'static str,
 }

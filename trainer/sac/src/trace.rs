@@ -12,7 +12,7 @@
 use crate::kernel::{Backward, Cpu, Forward, Gate, Line, Lines, Rows, ToSamples, WIDTH, Weights, zeroed};
 use crate::parameters::NetView;
 
-/// What a pass leaves for the way back.
+/// Trace that a pass leaves for the way back.
 #[derive(Debug)]
 pub(crate) struct Trace {
     /// For each feature of each hidden layer the samples that passed its rectifier.

@@ -6,7 +6,7 @@ use crate::parameters::{Kind, Plain, gather};
 use crate::settings::SettingsError;
 use crate::workers::{Temperature, read, write};
 
-/// What of a critic goes over: its weights and their slow copy. The optimiser begins anew.
+/// Parts of a critic that go over: its weights and their slow copy. The optimiser begins anew.
 const OF_A_CRITIC: [Kind; 2] = [Kind::Value, Kind::Target];
 
 impl Learner {

@@ -97,7 +97,7 @@ pub(crate) struct Shared {
     barrier: Barrier,
 }
 
-/// Whether the actor takes part in an update.
+/// Part of the actor in an update.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum ActorUpdate {
     /// Actor and temperature take their steps.
@@ -106,7 +106,7 @@ pub(crate) enum ActorUpdate {
     Frozen,
 }
 
-/// So many updates, the first of which has this number (from 0).
+/// Number of updates, the first of which has this number (from 0).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Job {
     pub(crate) first: u64,

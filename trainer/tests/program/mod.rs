@@ -14,7 +14,7 @@ pub fn trainer() -> Command {
     Command::new(env!("CARGO_BIN_EXE_trainer"))
 }
 
-/// What a run said and how it ended.
+/// Words of a run and its end.
 pub struct Said {
     pub out: String,
     pub err: String,
@@ -41,6 +41,12 @@ pub fn sound<I: IntoIterator<Item = S>, S: AsRef<std::ffi::OsStr>>(args: I) -> S
     let said = run(args);
     assert_eq!(said.status, 0, "{}", said.err);
     said.out
+}
+
+/// Answer of a sound run with `--json`.
+#[track_caller]
+pub fn json(args: &[&str]) -> serde_json::Value {
+    serde_json::from_str(&sound(args)).unwrap()
 }
 
 /// Runs what must be refused as bad input: status 2, one or two lines on standard error, nothing on standard output.

@@ -31,11 +31,11 @@ pub(crate) struct Position {
     pub(crate) episode: u64,
     /// Seconds of work so far.
     pub(crate) wall_s: f64,
-    /// Of these in the environment.
+    /// Time of these spent in the environment.
     pub(crate) environment_s: f64,
 }
 
-/// What a checkpoint holds besides the learner.
+/// Part of a checkpoint besides the learner.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Standing {
     pub(crate) position: Position,

@@ -73,7 +73,7 @@ impl CheckpointFormat {
         Some((parts, part(rest)?.0))
     }
 
-    /// What a file that cannot be made sense of is told as.
+    /// Error of a file that cannot be made sense of.
     pub fn damaged(self, path: &Path) -> TrainingError {
         TrainingError::file(path, &format!("is no checkpoint of {}, or is damaged", self.of))
     }

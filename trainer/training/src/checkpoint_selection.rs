@@ -21,23 +21,23 @@ pub(crate) const SELECTION_SEED: u64 = 0x005E_1EC7_1046_0000;
 /// Episodes of eight rigs each.
 const EPISODES: u64 = 3;
 
-/// How good the kept policy was, and when.
+/// Figures of the kept policy, and when it had them.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct BestCheckpoint {
     /// Steps after which it was what it is.
     pub step: u64,
-    /// Its score in kPa.
+    /// Score in kPa.
     pub score_kpa: f64,
 }
 
 /// The best policy so far.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Best {
-    /// How good it was, and when.
+    /// Figures, and when it had them.
     pub(crate) kept: BestCheckpoint,
     /// The policy.
     pub(crate) network: Network,
-    /// What it did on the rigs of the learning curve.
+    /// Flights on the rigs of the learning curve.
     pub(crate) evaluated: Vec<Evaluated>,
 }
 
@@ -51,7 +51,7 @@ impl Best {
         bytes
     }
 
-    /// What was written by [`Self::to_bytes`].
+    /// Selection as [`Self::to_bytes`] wrote it.
     pub(crate) fn from_bytes(bytes: &[u8], network: Network) -> Option<Self> {
         let (step, rest) = bytes.split_first_chunk::<8>()?;
         let (score, evaluated) = rest.split_first_chunk::<8>()?;
@@ -95,7 +95,7 @@ impl CheckpointSelection {
     }
 }
 
-/// Whether a policy is to be kept instead of the best so far; one without a finite score never is.
+/// Tells whether a policy is to be kept instead of the best so far; one without a finite score never is.
 pub(crate) fn is_better(candidate: &Best, best: Option<&Best>) -> bool {
     candidate.kept.score_kpa.is_finite() && best.is_none_or(|best| candidate.kept.score_kpa < best.kept.score_kpa)
 }

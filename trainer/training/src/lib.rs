@@ -58,17 +58,17 @@ pub enum TrainingError {
     Settings {
         /// The file or preset.
         file: String,
-        /// Its line, where known.
+        /// Line, where known.
         line: Option<usize>,
-        /// What is wrong and the mend.
+        /// Fault and its mend.
         problem: String,
     },
     /// There is no such preset.
     #[error("`{name}` is no preset and no file; presets are {known}")]
     Preset {
-        /// What was asked for.
+        /// Name that was asked for.
         name: String,
-        /// What there is.
+        /// Names that there are.
         known: String,
     },
     /// A file of the run cannot be read.
@@ -76,7 +76,7 @@ pub enum TrainingError {
     File {
         /// The file.
         file: String,
-        /// What is wrong and the mend.
+        /// Fault and its mend.
         problem: String,
     },
     /// A rig cannot be read.
@@ -99,7 +99,7 @@ pub enum TrainingError {
     EndsBefore {
         /// The run's folder.
         folder: String,
-        /// What it has done.
+        /// State of the run.
         done: Done,
         /// The option that plans its end.
         option: &'static str,
@@ -111,9 +111,9 @@ pub enum TrainingError {
     Diverged {
         /// The step.
         step: u64,
-        /// What is not finite.
+        /// Number that is not finite.
         what: String,
-        /// What is kept and the mend.
+        /// Files that are kept, and the mend.
         kept: String,
     },
 }
@@ -138,7 +138,7 @@ impl TrainingError {
         TrainingError::File { file: path.display().to_string(), problem: problem.to_owned() }
     }
 
-    /// What the learner refuses.
+    /// Error of what the learner refuses.
     pub fn learner(what: &str, error: &dyn std::fmt::Display) -> Self {
         TrainingError::Settings { file: what.to_owned(), line: None, problem: error.to_string() }
     }

@@ -46,16 +46,16 @@ const RIDGE: f64 = 1e-4;
 /// Features that are put through both hidden layers as they are, beside the units that were trained: errors of the ticks
 /// behind and ahead come first of `features = "errors"`. Of the trained units alone the plan errs half as much again.
 const PASSED: usize = 32;
-/// What lifts them over the rectifiers, in the features' unit: 32 kPa of error, far beyond where a correction acts.
+/// Offset that lifts them over the rectifiers, in the features' unit: 32 kPa of error, far beyond where a correction acts.
 const LIFT: f32 = 64.0;
 /// Hidden layers that can be trained have a multiple of so many units.
 const TRAINABLE_MULTIPLE: usize = 32;
 /// Largest share of an output's range that is fitted; beyond it atanh amplifies noise.
 const MOST: f64 = 0.95;
 
-/// What the plan is fitted for.
+/// Model that the plan is fitted for.
 pub(crate) struct PlanModel<'a> {
-    /// What MPObs and the feed-forward know.
+    /// Rig that MPObs and the feed-forward know.
     pub(crate) rig: &'a Rig,
     /// The model's steady map.
     pub(crate) map: &'a Arc<SteadyMap>,
@@ -130,7 +130,7 @@ pub(crate) fn whole_plans(answers: Vec<f32>, plan: Plan) -> Vec<f32> {
     }
 }
 
-/// The same policy with a plan that is held: every output for later answers what the output for now does.
+/// Policy with a plan that is held: every output for later answers what the output for now does.
 pub(crate) fn held(network: &Network) -> Network {
     let hold = |layer: &Dense| Dense {
         inputs: layer.inputs,
@@ -141,7 +141,7 @@ pub(crate) fn held(network: &Network) -> Network {
     with_outputs(network, &hold)
 }
 
-/// The same policy without a plan: its outputs for now alone.
+/// Policy without a plan: its outputs for now alone.
 pub(crate) fn without_plan(network: &Network) -> Network {
     let cut = |layer: &Dense| Dense {
         inputs: layer.inputs,
@@ -154,7 +154,7 @@ pub(crate) fn without_plan(network: &Network) -> Network {
     if cut.log_std.is_some() { cut } else { pruned(&cut) }
 }
 
-/// The same policy with the first features put through beside its hidden units, as yet unused.
+/// Policy with the first features put through beside its hidden units, as yet unused.
 fn widened(network: &Network) -> Network {
     let passed = PASSED.min(network.features.features().len());
     let depth = network.layers.len().saturating_sub(1);
@@ -178,7 +178,7 @@ fn widened(network: &Network) -> Network {
     Network { features: network.features.clone(), layers, log_std: None }
 }
 
-/// The same policy without hidden units on which nothing depends, but for as many as make their number one that can be trained: a
+/// Policy without hidden units on which nothing depends, but for as many as make their number one that can be trained: a
 /// unit that no sample opens any more keeps the weights that it began with, and they may be zero.
 fn pruned(network: &Network) -> Network {
     let mut pruned = network.clone();
@@ -213,7 +213,7 @@ fn with_outputs(network: &Network, change: &dyn Fn(&Dense) -> Dense) -> Network 
     changed
 }
 
-/// The same policy with a plan that is what it then does.
+/// Policy with a plan that is what it then does.
 ///
 /// # Errors
 /// If a rig cannot be run.

@@ -31,9 +31,9 @@ pub struct PolicyStart {
     network: Network,
     /// Answer to an action of 0, and what an action of 1 adds to it.
     range: OutputMap,
-    /// Of a run's folder: what the policy was trained with.
+    /// Settings that the policy of a run's folder was trained with.
     trained_with: Option<Box<TrainingSettings>>,
-    /// Of a run's folder that holds one: its checkpoint.
+    /// Checkpoint of a run's folder that holds one.
     checkpoint: Option<PathBuf>,
 }
 
@@ -141,7 +141,7 @@ impl PolicyStart {
         Ok(())
     }
 
-    /// Its weights, for an actor that answers as much as `plan` says.
+    /// Weights, for an actor that answers as much as `plan` says.
     pub fn network(&self, plan: Plan) -> Network {
         match plan {
             Plan::Learned => self.network.clone(),

@@ -348,12 +348,12 @@ impl Run {
     }
 }
 
-/// Whether the turn that ended at `steps` passed a multiple of `every`.
+/// Tells whether the turn that ended at `steps` passed a multiple of `every`.
 fn passes(steps: u64, every: u64) -> bool {
     steps / every > steps.saturating_sub(SIDE_BY_SIDE as u64) / every
 }
 
-/// What a run is made of, new or gone on with.
+/// Parts of a run, new or gone on with.
 struct Parts {
     trained_on: Rig,
     model: Rig,

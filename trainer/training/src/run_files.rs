@@ -100,7 +100,7 @@ impl RunFiles {
         self.folder.join("settings.toml")
     }
 
-    /// What was trained on.
+    /// File of the rig that was trained on.
     pub fn rig(&self) -> PathBuf {
         self.folder.join("rig.toml")
     }

@@ -25,7 +25,7 @@ pub struct TrainingSettings {
     pub run: RunSettings,
     /// Rigs, by name or file.
     pub rig: RigSettings,
-    /// What the policy is told and answers.
+    /// Contract of the policy.
     pub policy: PolicySettings,
     /// Soft Actor-Critic.
     pub sac: SacSettings,
@@ -33,7 +33,7 @@ pub struct TrainingSettings {
     pub caps: CapsSettings,
     /// The environment.
     pub environment: EnvironmentSettings,
-    /// How a policy is improved by rollouts (`trainer improve`); left out, the defaults.
+    /// Settings by which a policy is improved by rollouts (`trainer improve`); left out, the defaults.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rollouts: Option<RolloutSettings>,
 }
@@ -65,7 +65,7 @@ pub struct RunSettings {
     /// Steps over which the actor's weights are averaged (exponentially) for what is evaluated and exported; 0, the
     /// paper's, takes the last. Averaging takes out the wander of single updates (Polyak and Juditsky, 1992).
     pub average_over_steps: u64,
-    /// Whether the policy is kept that tracked best on drawn rigs set aside for that, instead of the last (the paper's).
+    /// True where the policy is kept that tracked best on drawn rigs set aside for that, instead of the last (the paper's).
     pub keep_best: bool,
 }
 
@@ -90,12 +90,12 @@ impl Default for RunSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RigSettings {
-    /// What is flown in training, or drawn around.
+    /// Rig that is flown in training, or drawn around.
     pub trained_on: String,
     /// The model behind MPObs and the fallback's feed-forward; left out, it is the rig that is trained on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
-    /// What is flown in evaluations.
+    /// Rigs that are flown in evaluations.
     pub evaluated_on: Vec<String>,
 }
 
@@ -181,7 +181,7 @@ impl TrainingSettings {
         }
     }
 
-    /// How observations are put to the network.
+    /// Map by which observations are put to the network.
     ///
     /// # Errors
     /// Never for the two maps that there are.
@@ -208,7 +208,7 @@ impl TrainingSettings {
         if self.run.from.is_some() { self.run.critic_warm_up_steps } else { self.run.random_steps }
     }
 
-    /// Whether the learning curve has a point after so many steps: before the first, at intervals that double from
+    /// Tells whether the learning curve has a point after so many steps: before the first, at intervals that double from
     /// [`FIRST_INTERVAL_STEPS`] once the policy changes, and every `run.evaluate_every_steps`. Steps come eight at a time;
     /// a point belongs to the first that reaches it. Nothing of this depends on the run's length.
     pub fn is_evaluated_at(&self, steps: u64) -> bool {
@@ -227,7 +227,7 @@ impl TrainingSettings {
         early.filter(|at| (from + 1..=until).contains(at)).count() as u64 + (until / every).saturating_sub(from / every)
     }
 
-    /// What the learner is told.
+    /// Settings of the learner.
     pub fn learner_settings(&self) -> sac::Settings {
         let observations = self.contract().observation_len();
         let smooths = if self.policy.variant.smooths() { 1.0 } else { 0.0 };

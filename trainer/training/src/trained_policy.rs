@@ -35,7 +35,7 @@ const POLICY: &str = "policy.bin";
 const PUBLISHED: &str = "policy.onnx";
 const SETTINGS: &str = "settings.toml";
 
-/// What a policy was trained on.
+/// Rig that a policy was trained on.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Origin {
     /// Name of the rig.
@@ -104,18 +104,18 @@ impl TrainedPolicy {
         self.exploration_std.as_deref()
     }
 
-    /// The same with the spread of another policy that it came from, of the outputs for now.
+    /// Policy with the spread of another one that it came from, of the outputs for now.
     pub(crate) fn with_stated_spread(mut self, std: Option<Vec<f64>>) -> Self {
         self.exploration_std = std.map(|std| std.into_iter().take(CHANNELS).collect());
         self
     }
 
-    /// The same policy with another network of the same widths.
+    /// Policy with another network of the same widths.
     pub fn with_network(&self, network: Network) -> Self {
         TrainedPolicy { network, ..self.clone() }
     }
 
-    /// Whether a folder is that of a run with a policy to fly.
+    /// Tells whether a folder is that of a run with a policy to fly.
     pub fn is_in(folder: &Path) -> bool {
         let has = |name: &str| folder.join(name).is_file();
         has(POLICY) || has(PUBLISHED) && has(SETTINGS)
@@ -244,7 +244,7 @@ impl TrainedPolicy {
         Runner { policy: self, workspace: Workspace::default() }
     }
 
-    /// The same policy with a plan that is what it then does: outputs for later ticks fitted to runs of it on the model that it
+    /// Policy with a plan that is what it then does: outputs for later ticks fitted to runs of it on the model that it
     /// was trained with; the duties of now keep every bit.
     ///
     /// # Errors
@@ -253,13 +253,13 @@ impl TrainedPolicy {
         self.with_plan_fitted_on(&load_for_loop(self.settings.rig.model(), Some("rig.model"))?)
     }
 
-    /// The same policy with a plan that holds the duties of now.
+    /// Policy with a plan that holds the duties of now.
     #[must_use]
     pub fn with_held_plan(&self) -> Self {
         self.with_network(plan_fit::held(&self.network))
     }
 
-    /// The same with a plan fitted to runs on another model.
+    /// Policy with a plan fitted to runs on another model.
     ///
     /// # Errors
     /// If it cannot be run.
@@ -273,13 +273,13 @@ impl TrainedPolicy {
         Ok(TrainedPolicy { settings, network, ..measured })
     }
 
-    /// Whether the spread of its own distribution is known, where it has one: of each output that was learned.
+    /// Tells whether the spread of its own distribution is known, where it has one: of each output that was learned.
     pub fn states_spread(&self) -> bool {
         let stated = self.exploration_std.as_ref().map(Vec::len);
         self.network.log_std.as_ref().is_none_or(|log_std| stated == Some(log_std.outputs))
     }
 
-    /// The same with the spread of its own distribution, measured on runs on a model; a policy that has none is as it was.
+    /// Policy with the spread of its own distribution, measured on runs on a model; a policy that has none is as it was.
     ///
     /// # Errors
     /// If the model cannot be run.
@@ -315,7 +315,7 @@ impl TrainedPolicy {
         }
     }
 
-    /// How an action within −1 … 1 becomes a duty or a correction.
+    /// Map from an action within −1 … 1 to a duty or a correction.
     pub(crate) fn output_map(&self) -> OutputMap {
         let contract = self.settings.contract();
         let at = |action: f32| vector_env::outputs(contract, &self.settings.environment, &[action; ACTION_LEN])[0];

@@ -16,7 +16,7 @@ use model::steady::SteadyMap;
 use proto::reference::Reference;
 use training::{PolicyStart, Run, TrainedPolicy, TrainingSettings};
 
-/// What the plan may err of what "nothing changes" errs. On the positive channel most of it is the readings' noise: with
+/// Share that the plan may err of what "nothing changes" errs. On the positive channel most of it is the readings' noise: with
 /// the duties then applied in place of the plan it would be 0.24.
 const MOST_SHARE: f64 = 0.3;
 

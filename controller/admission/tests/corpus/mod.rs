@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use model::observation::ObservationLayout::{self, Correction, Paper};
 use onnx_file::{Dense, FeatureTerm, GoldenPair, OutputMap, PolicyGraph, Ports, Provenance, from_onnx, to_onnx};
+use proto::split_mix::SplitMix64;
 
 /// Places in the observation: pressures and references of the present tick, positive and negative; ten ticks ago.
 pub const NOW: [usize; 2] = [20, 21];
@@ -106,28 +107,18 @@ pub fn trained() -> Vec<(String, Vec<u8>)> {
     all
 }
 
-pub struct Draw(pub u64);
-
-impl Draw {
-    pub fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    pub fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.unit()).sum::<f64>() - 6.0
-    }
+/// A draw of mean 0 and standard deviation 1: the sum of twelve uniform ones.
+fn normal(draw: &mut SplitMix64) -> f64 {
+    (0..12).map(|_| draw.unit()).sum::<f64>() - 6.0
 }
 
 /// A network with every weight and bias off by so many percent (standard deviation).
 pub fn perturbed(graph: &PolicyGraph, percent: f64, seed: u64) -> PolicyGraph {
-    let mut draw = Draw(seed);
+    let mut draw = SplitMix64::new(seed);
     let mut changed = graph.clone();
     for layer in &mut changed.layers {
         for value in layer.weights.iter_mut().chain(&mut layer.biases) {
-            *value *= (1.0 + 0.01 * percent * draw.normal()) as f32;
+            *value *= (1.0 + 0.01 * percent * normal(&mut draw)) as f32;
         }
     }
     changed
@@ -245,9 +236,9 @@ pub fn bad_files() -> Vec<(String, Vec<u8>)> {
     all.push(("text".into(), b"time_s,ref_pos_kpa,ref_neg_kpa\n0,80,-70\n".to_vec()));
     all.push(("zip".into(), b"PK\x03\x04 and so on".to_vec()));
     all.push(("zeros".into(), vec![0; 4096]));
-    let mut noise = Draw(3);
+    let mut noise = SplitMix64::new(3);
     all.push(("random".into(), (0..5000).map(|_| (256.0 * noise.unit()) as u8).collect()));
-    let mut draw = Draw(17);
+    let mut draw = SplitMix64::new(17);
     for flip in 0..12 {
         let mut bytes = sealed.clone();
         let at = (draw.unit() * bytes.len() as f64) as usize;

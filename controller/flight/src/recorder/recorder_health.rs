@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
-use crate::writing::{State, UNKNOWN_BYTES};
+use crate::recorder_state::{State, UNKNOWN_BYTES};
 
 /// Time that a disk may work on one thing before it counts as stalled.
 const STALLED: Duration = Duration::from_secs(1);
@@ -17,14 +17,6 @@ pub struct RecorderHealth {
 }
 
 impl RecorderHealth {
-    /// Says whether everything so far could be written.
-    ///
-    /// # Real-time
-    /// May run in the tick: one atomic load.
-    pub fn healthy(&self) -> bool {
-        !self.state.failed.load(Ordering::Acquire)
-    }
-
     /// The present problem, in one line.
     ///
     /// # Real-time
@@ -65,11 +57,6 @@ impl RecorderHealth {
     /// Last file that was finished so far, by this recorder; `None` before the first.
     pub fn last_finished(&self) -> Option<PathBuf> {
         self.state.files.lock().unwrap_or_else(PoisonError::into_inner).last().cloned()
-    }
-
-    /// Ticks written so far.
-    pub fn ticks_written(&self) -> u64 {
-        self.state.ticks.load(Ordering::Relaxed)
     }
 
     /// Ticks that a full queue refused so far.

@@ -123,7 +123,7 @@ fn a_disk_that_stalls_costs_ticks_but_never_time() {
     // 20 copies of 500 bytes take microseconds; a second is there only for a machine that stalls.
     assert!(begun.elapsed() < Duration::from_secs(1), "{:?}", begun.elapsed());
     assert_eq!((taken, sink.dropped()), (8, 12));
-    assert!(recorder.health().healthy(), "slow is not broken");
+    assert_eq!(recorder.health().error(), None, "slow is not broken");
     drop(permit);
     let done = recorder.finish().unwrap();
     assert_eq!((done.ticks, done.ticks_dropped), (9, 12));
@@ -140,10 +140,9 @@ fn a_full_disk_is_told_once_and_the_queue_still_empties() {
         assert!(sink.push(&tick(k)));
     }
     wait_until("all taken", || health.ticks_lost() == 197);
-    assert!(!health.healthy());
     let told = health.error().unwrap();
     assert!(told.starts_with("run.mcap: cannot write the recording: No space left on device"), "{told}");
-    assert_eq!((health.ticks_written(), health.ticks_dropped()), (3, 0));
+    assert_eq!(health.ticks_dropped(), 0);
     let error = recorder.finish().unwrap_err().to_string();
     assert!(error.starts_with(&told) && error.ends_with("(3 ticks written, 197 lost)"), "{error}");
     assert!(!error.contains('\n'));
@@ -157,7 +156,7 @@ fn a_file_that_cannot_be_finished_is_told() {
     let health = recorder.health();
     let error = recorder.finish().unwrap_err();
     assert!(matches!(error, RecordError::Incomplete { written: 1, lost: 0, .. }), "{error}");
-    assert!(!health.healthy() && health.error().is_some());
+    assert!(health.error().is_some());
 }
 
 #[test]

@@ -102,7 +102,6 @@ impl Loop {
         let spread = |pair: Pair| pair.map(Four::splat);
         if self.approach.is_none() {
             self.predictor.restart(spread(measured_kpa), spread([1.0; CHANNELS]));
-            self.filter.restart(measured_kpa, [1.0; CHANNELS]);
             self.arbiter.restart([1.0; CHANNELS]);
         }
         let approach = *self.approach.get_or_insert_with(|| SoftStart::new(measured_kpa, self.reference.at(0.0)));

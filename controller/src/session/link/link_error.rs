@@ -15,7 +15,7 @@ pub enum LinkError {
         /// Error of the system.
         source: io::Error,
     },
-    /// Nobody answers there.
+    /// The address is silent.
     #[error("{address}: {source}; is the cRIO on and its program running?")]
     Connect {
         /// As configured.
@@ -134,7 +134,7 @@ impl Heard {
         }
     }
 
-    /// So many bytes that are no whole frame; `None` for no byte at all.
+    /// Text on bytes that are no whole frame; `None` for no byte at all.
     pub(super) fn piece(bytes: usize) -> Option<Self> {
         (bytes > 0).then_some(Heard::Piece { bytes })
     }

@@ -32,7 +32,7 @@ impl<R: Real> Plant<R> {
         Self::together(&parts)
     }
 
-    /// The same for rigs that are compiled already.
+    /// Bundle of rigs that are compiled already.
     ///
     /// # Errors
     /// As [`Plant::side_by_side`].

@@ -163,13 +163,13 @@ pub(super) struct Size {
     pub(super) volume: f64,
     /// dV/dP in m³/Pa.
     pub(super) compliance: f64,
-    /// Whether its walls move (by however little).
+    /// True where its walls move (by however little).
     pub(super) moves: bool,
     /// Heat passed to the wall in W/K, where it has an energy balance.
     pub(super) wall_conductance: Option<f64>,
 }
 
-/// Whether a muscle hangs on a volume.
+/// Tells whether a muscle hangs on a volume.
 fn has_muscle(rig: &Rig, volume: &str) -> bool {
     rig.mechanisms.iter().filter(|m| m.enabled).any(|attached| match &attached.mechanism {
         Mechanism::ActuatorLoad(m) => attached.component == volume || m.vacuum == volume,

@@ -61,7 +61,7 @@ struct Assembly<'a> {
     laws: usize,
     /// Where the tables of averaged pumps come from; `None` for pumps in full detail.
     tables: Option<&'a PumpTables>,
-    /// Whether chambers keep their pressures whatever flows in.
+    /// True where chambers keep their pressures whatever flows in.
     held: bool,
 }
 
@@ -205,7 +205,7 @@ impl<'a> Assembly<'a> {
     }
 }
 
-/// Whether a mechanism adds to the balances what the smallest integrator is not compiled for.
+/// Tells whether a mechanism adds to the balances what the smallest integrator is not compiled for.
 fn extends_the_balances(mechanism: &Mechanism) -> bool {
     match mechanism {
         Mechanism::ChamberThermal(_)

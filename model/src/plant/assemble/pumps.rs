@@ -15,7 +15,7 @@ const AT_ONCE_PA: f64 = 1e-3;
 /// The most of a pump's range that may be dead; the rest must hold all of its flow.
 const MOST_DEAD: f64 = 0.95;
 
-/// What `pump_speed` makes of a stated speed.
+/// Speed that `pump_speed` makes of a stated one.
 #[derive(Clone, Copy)]
 pub(super) struct Speed {
     /// Factor at the start of a run, and in the end.
@@ -207,7 +207,7 @@ impl Assembly<'_> {
         machine
     }
 
-    /// How far a kilogram that a pump moves within a revolution moves the pressure of a place near the atmosphere's, in
+    /// Step by which a kilogram that a pump moves within a revolution moves the pressure of a place near the atmosphere's, in
     /// Pa/kg; `entering` is the temperature of what comes in, the place's own where gas leaves.
     pub(super) fn breathing(&self, place: &str, entering: Option<f64>) -> f64 {
         let Some(volume) = self.rig.volumes.get(place) else { return 0.0 };

@@ -1,4 +1,4 @@
-//! How warm coils are where a run begins that commands have gone before.
+//! Heat of coils where a run begins that commands have gone before.
 //!
 //! A coil remembers what it carried for a minute. A later part of a recording (behind a switch of the pump, a gap) that began at the
 //! coil's cold, as a whole one does, would warm up once more: a free run behind a coil that rises by a tenth is off by more than 1 kPa then.
@@ -10,7 +10,7 @@ use crate::plant::INSTANTS_PER_STEP;
 use crate::plant::dispatch::Simulated;
 
 impl<R: Simulated> Simulation<R> {
-    /// Whether something in it remembers commands for longer than a chamber does.
+    /// Tells whether something in it remembers commands for longer than a chamber does.
     pub fn has_coils_that_warm(&self) -> bool {
         self.plant.commands.iter().any(|path| path.warms())
     }

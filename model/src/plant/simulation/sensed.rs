@@ -1,4 +1,4 @@
-//! What an observer needs of a simulation: how sensors follow their chambers in a tick, and both moved by a little.
+//! Numbers of a simulation that an observer needs: the way in which sensors follow their chambers in a tick, and both moved by a little.
 
 use super::Simulation;
 use crate::plant::dispatch::Simulated;
@@ -113,7 +113,7 @@ impl<R: Simulated> Simulation<R> {
         }
     }
 
-    /// What sensor `index` would read (kPa gauge) if neither lag nor swing stood before it; gain, bias and drift are in it.
+    /// Reading of sensor `index` (kPa gauge) if neither lag nor swing stood before it; gain, bias and drift are in it.
     ///
     /// # Real-time
     /// May run in the tick.

@@ -1,4 +1,4 @@
-//! How a run starts: what stands still, what has settled, and what a recording's first row tells.
+//! Start of a run: what stands still, what has settled, and what a recording's first row tells.
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use crate::plant::dispatch::Simulated;
 use crate::plant::residual::Variable;
 use crate::real::Real;
 
-/// How a free run guesses what recordings do not tell: the pressures in the cylinders.
+/// Guess of a free run at what recordings do not tell: the pressures in the cylinders.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FreeRunStart {
     /// The rig stood still: cylinders at atmospheric pressure.
@@ -70,7 +70,7 @@ impl<R: Simulated> Simulation<R> {
         self.start_at(readings_kpa, inputs, start, R::splat(0.0), 0.0);
     }
 
-    /// The same with all cranks `crank_rev` revolutions further on, `elapsed_s` after what drifts or changes by itself began
+    /// Start with all cranks `crank_rev` revolutions further on, `elapsed_s` after what drifts or changes by itself began
     /// to: a recording's later part.
     pub fn start_at(&mut self, readings_kpa: &[R], inputs: &[R], start: FreeRunStart, crank_rev: R, elapsed_s: f64) {
         let fresh = Simulation::on(Arc::clone(&self.plant), self.set);
@@ -203,7 +203,7 @@ impl<R: Simulated> Simulation<R> {
         }
     }
 
-    /// What a rig at rest has in coils, muscles and averaged pumps.
+    /// Puts in what a rig at rest has in coils, muscles and averaged pumps.
     pub(super) fn rest(&mut self) {
         let plant = Arc::clone(&self.plant);
         for joined in &plant.joined {

@@ -1,4 +1,4 @@
-//! How warm the gas was in chambers whose pressures had settled when a run begins.
+//! Temperature of the gas in chambers whose pressures had settled when a run begins.
 //!
 //! Temperatures are in no recording. Gas in a tank that a pump fills is warmer than its walls for as long as the pump runs:
 //! what flows in is what flows out, and has its own temperature with it,

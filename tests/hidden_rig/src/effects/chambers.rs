@@ -18,7 +18,7 @@ pub fn laminar_like(area_m2: f64) -> f64 {
     0.685 * area_m2 / ((GAS_CONSTANT * 293.15).sqrt() * 200e3)
 }
 
-/// How a leak flows.
+/// Law by which a leak flows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LeakLaw {
@@ -33,7 +33,7 @@ pub enum LeakLaw {
 pub struct ToAtmosphere {
     /// Effective area of a hole that passes as much (m²).
     pub area_m2: f64,
-    /// How it flows.
+    /// Law by which it flows.
     pub law: LeakLaw,
 }
 
@@ -168,7 +168,7 @@ pub struct VolumeChange {
     pub relative: f64,
     /// When it comes, after the start of every recording (s); absent if it was there from the start.
     pub time_s: Option<f64>,
-    /// How long it takes (s).
+    /// Duration (s).
     pub duration_s: f64,
 }
 

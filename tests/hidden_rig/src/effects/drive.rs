@@ -41,7 +41,7 @@ impl Mechanism for Hysteresis {
     }
 }
 
-/// What the friction of a valve holds.
+/// Part of a valve that friction holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FrictionOn {
@@ -58,7 +58,7 @@ pub struct Stiction {
     pub band_duty: f64,
     /// Share of the band by which a slip stops short.
     pub residual: f64,
-    /// What sticks.
+    /// Part that sticks.
     pub on: FrictionOn,
 }
 

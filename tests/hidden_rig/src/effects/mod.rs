@@ -1,4 +1,4 @@
-//! What can be concealed in a rig: one type per effect, and a catalogue of them all.
+//! Effects that can be concealed in a rig: one type per effect, and a catalogue of them all.
 //!
 //! Each effect has one number that says how strong it is (a width, a time constant, an area …) with a physical range,
 //! and further numbers of its shape, which are drawn. Its fields are the parameters that the truth file states; their
@@ -46,23 +46,23 @@ const EITHER: &[Place] = &[Place::Positive, Place::Negative];
 const ANY: &[Place] = &[Place::Positive, Place::Negative, Place::Both];
 /// The positive channel, or both.
 const POSITIVE_OR_BOTH: &[Place] = &[Place::Positive, Place::Both];
-/// What both channels share.
+/// Places of effects that both channels share.
 const SHARED: &[Place] = &[Place::Both];
 
-/// What every effect can do.
+/// Abilities of every effect.
 pub trait Mechanism: Sized {
     /// Where it may sit.
     const PLACES: &'static [Place];
     /// Physical range of its strength.
     const STRENGTHS: (f64, f64);
-    /// Whether its raw size says little, because the ripple that it makes beat is larger than what it does on average:
+    /// True where its raw size says little, because the ripple that it makes beat is larger than what it does on average:
     /// a level then stands for a share of its physical range.
     const SIZED_BY_STRENGTH: bool = false;
 
     /// One of its kind: shape drawn, strength in the middle of the range.
     fn draw(draws: &mut Draws) -> Self;
 
-    /// Its strength: more is a larger effect.
+    /// Strength: more is a larger effect.
     fn strength(&self) -> f64;
 
     /// Gives it another strength.
@@ -71,7 +71,7 @@ pub trait Mechanism: Sized {
     /// Builds it into a rig.
     fn install(&self, place: Place, rig: &mut Rig);
 
-    /// What it is, in a line.
+    /// Description in a line.
     fn note(&self) -> String;
 }
 
@@ -95,12 +95,12 @@ macro_rules! catalogue {
             /// Every kind.
             pub const ALL: &'static [Self] = &[$(Self::$variant,)*];
 
-            /// Its name.
+            /// Name.
             pub fn name(self) -> &'static str {
                 match self { $(Self::$variant => $name,)* }
             }
 
-            /// Whether the diagnosis's library knows it.
+            /// Tells whether the diagnosis's library knows it.
             pub fn in_library(self) -> bool {
                 match self { $(Self::$variant => $library,)* }
             }
@@ -115,7 +115,7 @@ macro_rules! catalogue {
                 match self { $(Self::$variant => <$type>::STRENGTHS,)* }
             }
 
-            /// Whether a level stands for a share of its physical range: see [`Mechanism::SIZED_BY_STRENGTH`].
+            /// Tells whether a level stands for a share of its physical range: see [`Mechanism::SIZED_BY_STRENGTH`].
             pub fn sized_by_strength(self) -> bool {
                 match self { $(Self::$variant => <$type>::SIZED_BY_STRENGTH,)* }
             }
@@ -127,17 +127,17 @@ macro_rules! catalogue {
         }
 
         impl Effect {
-            /// Its kind.
+            /// Kind.
             pub fn kind(&self) -> Kind {
                 match self { $(Self::$variant(_) => Kind::$variant,)* }
             }
 
-            /// Its strength.
+            /// Strength.
             pub fn strength(&self) -> f64 {
                 match self { $(Self::$variant(effect) => effect.strength(),)* }
             }
 
-            /// The same effect at another strength, held within the physical range.
+            /// Effect at another strength, held within the physical range.
             pub fn at_strength(&self, strength: f64) -> Self {
                 let (low, high) = self.kind().strengths();
                 let mut other = self.clone();
@@ -150,7 +150,7 @@ macro_rules! catalogue {
                 match self { $(Self::$variant(effect) => effect.install(place, rig),)* }
             }
 
-            /// What it is, in a line.
+            /// Description in a line.
             pub fn note(&self) -> String {
                 match self { $(Self::$variant(effect) => effect.note(),)* }
             }

@@ -154,7 +154,7 @@ pub struct Gland {
     pub area_m2: f64,
     /// Middle of the band (kPa gauge).
     pub middle_kpa: f64,
-    /// Its half width (kPa).
+    /// Half width (kPa).
     pub half_width_kpa: f64,
 }
 

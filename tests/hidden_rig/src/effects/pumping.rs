@@ -78,7 +78,7 @@ impl Mechanism for Cracking {
 pub struct Droop {
     /// Relative loss of speed per bar between the chambers.
     pub droop_per_bar: f64,
-    /// How soon the speed follows (s).
+    /// Time constant by which the speed follows (s).
     pub time_constant_s: f64,
 }
 

@@ -49,7 +49,7 @@ impl Mechanism for LineLoss {
 pub struct Exhaust {
     /// Effective area (m²).
     pub area_m2: f64,
-    /// Its critical ratio.
+    /// Critical ratio.
     pub critical_ratio: f64,
 }
 
@@ -90,7 +90,7 @@ const IDEAL: f64 = 0.5283;
 
 impl Mechanism for Ratio {
     const PLACES: &'static [Place] = ANY;
-    /// How far below the ideal nozzle's.
+    /// Range of the share by which it is below the ideal nozzle's.
     const STRENGTHS: (f64, f64) = (0.02, 0.45);
 
     fn draw(_draws: &mut Draws) -> Self {

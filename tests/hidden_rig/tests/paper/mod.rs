@@ -101,7 +101,7 @@ impl Paper {
         self.follow([P_ATM; 4], u)
     }
 
-    /// The same from a settled start whose chambers have the first row's pressures (kPa gauge).
+    /// Run from a settled start whose chambers have the first row's pressures (kPa gauge).
     pub fn run_from_pressures(&self, u: &[[f64; 2]], first_kpa: [f64; 2]) -> Vec<[f64; 2]> {
         let mut x = [P_ATM, P_ATM, P_ATM + 1e3 * first_kpa[0], P_ATM + 1e3 * first_kpa[1]];
         let mut angle = self.angle;

@@ -256,7 +256,7 @@ mod tests {
         assert_eq!(found([&leaks; 3].map(|rig| (rig, drive.clone()))), None);
     }
 
-    /// What only a drive shows that no other file has may be missing from the rig of all of them.
+    /// Physics that only a drive shows which no other file has may be missing from the rig of all of them.
     #[test]
     fn a_file_that_asks_more_of_the_rig_is_not_of_another() {
         let (sound, leaks) = (rig(), leaking(&rig()));
@@ -264,7 +264,7 @@ mod tests {
         assert_eq!(found([(&sound, low(1)), (&sound, low(2)), (&leaks, holds(1500, [0.5, 0.9], 3))]), None);
     }
 
-    /// What happened for a while in one file is an event of its rig.
+    /// A change for a while in one file is an event of its rig.
     #[test]
     fn a_file_that_is_off_for_a_while_is_of_the_same_rig() {
         let rig = rig();

@@ -305,7 +305,7 @@ mod tests {
     use crate::made::two_chambers::{holds, recorded, rig};
     use crate::search::candidate::candidates;
 
-    /// What is said of a dead zone at a level, where the pump was driven between two others.
+    /// Words on a dead zone at a level, where the pump was driven between two others.
     fn said(level: f64, driven: [f64; 2]) -> Vec<String> {
         let rig = rig();
         let all = candidates(&rig);

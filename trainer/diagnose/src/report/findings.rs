@@ -61,11 +61,11 @@ pub(crate) struct Findings<'a, 'r> {
 
 /// A channel that fitted parameters explain better than those of the file do, on validation data.
 pub(crate) struct BetterFitted<'a> {
-    /// Its column.
+    /// Column.
     pub(crate) channel: &'a str,
     /// Root mean square error with the rig as given, in kPa.
     pub(crate) given_kpa: f64,
-    /// The same with parameters fitted.
+    /// Error with parameters fitted.
     pub(crate) fitted_kpa: f64,
     /// Furthest from the open air that it comes to, in kPa.
     pub(crate) reach_kpa: f64,
@@ -124,7 +124,7 @@ impl Findings<'_, '_> {
 mod tests {
     use super::*;
 
-    /// What fitted parameters set right is told with both errors and against what the pressure comes to.
+    /// A channel that fitted parameters set right is told with both errors and against what the pressure comes to.
     #[test]
     fn what_fitted_parameters_set_right_is_told() {
         let told = BetterFitted { channel: "p_kpa", given_kpa: 0.088, fitted_kpa: 0.01, reach_kpa: 10.78 }.in_words();

@@ -1,26 +1,19 @@
 //! Candidates for what may be missing: a mechanism at a place each, with what is free in it.
 //!
-//! The list is the model's ([`model::mechanism::candidates`]); here it gets priors. A magnitude that is never negative
-//! is fitted as a logarithm, with a prior so wide that it only keeps it in sight; what may have either sign, or has
-//! its neutral value in the middle of its range, is fitted as it is.
+//! The list is the model's ([`model::mechanism::candidates`]); here it gets priors (`prior`).
 
 use std::collections::BTreeMap;
 
-use fit::parameters::{Knowledge, Parameter, SearchRange, Transform};
+use fit::parameters::{Parameter, Transform};
 use model::mechanism::{Candidate as Offered, CandidateParameter};
 use model::rig::{MechanismInstance, Rig};
 use proto::diagnosis::RangeEnd;
 
 use crate::search::place::side;
-
-/// Standard deviation of the logarithm of a magnitude: a factor of 4.5 either way.
-const LOG_SD: f64 = 1.5;
+use crate::search::prior::{ONSET, neutral, parameter};
 
 /// Mechanisms that let air pass where the paper's rig has none: what a hold with the pump off is made to show.
 const LEAKS: [&str; 3] = ["chamber_leak", "cross_leak", "piston_blowby"];
-
-/// Key of the time at which something begins.
-const ONSET: &str = "begins_s";
 
 /// A number within a hundredth of an end of its range is at it.
 const AT_ITS_END: f64 = 1.01;
@@ -85,6 +78,11 @@ impl Candidate {
     /// Tells whether nothing is free in it.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// Values in the middle of those that fits may start from.
+    pub(crate) fn middle_start(&self) -> Vec<f64> {
+        self.starts.get(self.starts.len() / 2).cloned().unwrap_or_default()
     }
 
     /// Unit of its first parameter.
@@ -322,62 +320,6 @@ fn starts(parameters: &[CandidateParameter]) -> Vec<Vec<f64>> {
         }
     }
     all
-}
-
-/// The value at which a mechanism does nothing, where that is inside its range.
-fn neutral(id: &str, p: &CandidateParameter) -> Option<f64> {
-    match (id, p.key) {
-        ("critical_ratio", _) => Some(0.528),
-        ("sensor_gain", _) | ("valve_lag", "falling_over_rising") => Some(1.0),
-        ("valve_stiction", "short_of_it") => Some(0.0),
-        _ => p.signed.then_some(0.0),
-    }
-}
-
-/// Distance in s by which another onset shows: what joins in an instant moves readings for a second or two, and slopes over
-/// more than a part of that lead nowhere.
-const ONSET_S: f64 = 0.5;
-
-fn parameter(id: &str, p: &CandidateParameter, path: String) -> Parameter {
-    if p.key == ONSET {
-        return Parameter {
-            path,
-            transform: Transform::Linear,
-            mean: p.starts.first().copied().unwrap_or(p.low),
-            knowledge: Knowledge::Nothing { scale: ONSET_S },
-            bounds: [p.low, p.high],
-            range: SearchRange::Whole,
-        };
-    }
-    match neutral(id, p) {
-        Some(neutral) => {
-            let reach = p.starts.iter().map(|s| (s - neutral).abs()).fold(0.0, f64::max);
-            let sd = if reach > 0.0 { reach } else { 0.1 * (p.high - p.low) };
-            Parameter {
-                path,
-                transform: Transform::Linear,
-                mean: neutral,
-                knowledge: Knowledge::Prior { sd },
-                bounds: [p.low, p.high],
-                range: SearchRange::Whole,
-            }
-        }
-        None => {
-            let positive: Vec<f64> = p.starts.iter().copied().filter(|s| *s > 0.0).collect();
-            let logs = positive.iter().map(|s| s.ln()).sum::<f64>() / positive.len().max(1) as f64;
-            let mean = if positive.is_empty() { (p.low.max(1e-3 * p.high) * p.high).sqrt() } else { logs.exp() };
-            let [mean, sd] = p.usual.unwrap_or([mean, LOG_SD]);
-            let least = positive.iter().copied().fold(f64::INFINITY, f64::min).min(mean);
-            Parameter {
-                path,
-                transform: Transform::Log,
-                mean,
-                knowledge: Knowledge::Prior { sd },
-                bounds: [p.low.max(1e-2 * least), p.high],
-                range: SearchRange::Whole,
-            }
-        }
-    }
 }
 
 #[cfg(test)]

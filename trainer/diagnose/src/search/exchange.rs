@@ -3,12 +3,12 @@
 use fit::cores::side_by_side_telling;
 
 use super::additions::is_cheaper;
+use super::refine::{plainer, refined, richer};
+use super::stepped::sharpened;
 use super::terms::is_open;
 use super::twin::has_its_like;
-use super::{
-    GLANCE_ROUNDS, PAIR_ROUNDS, PRICE, Round, SearchSettings, cost, earns_its_place, plainer, refined, richer,
-    sharpened, starts, values_of, with, without,
-};
+use super::worth::earns_its_place;
+use super::{GLANCE_ROUNDS, PAIR_ROUNDS, PRICE, Round, SearchSettings, cost, starts, values_of, with, without};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::error::DiagnoseError;
 use crate::judge::evidence::evidence;

@@ -2,7 +2,8 @@
 
 use fit::cores::{side_by_side, side_by_side_telling};
 
-use super::{cost, sharpened, starts, values_of, with, without};
+use super::stepped::sharpened;
+use super::{cost, starts, values_of, with, without};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::error::DiagnoseError;
 use crate::judge::evidence::evidence;
@@ -101,7 +102,7 @@ pub(super) fn from_priors(
     let mut best: Option<Explanation> = None;
     let from_afar = |k: &usize| {
         let terms = with(&base.terms, *k);
-        let middle = candidates[*k].starts.get(candidates[*k].starts.len() / 2).cloned().unwrap_or_default();
+        let middle = candidates[*k].middle_start();
         let cold = starts(bench, candidates, base, &terms, &[(*k, middle)], true).into_iter().skip(1);
         // From so far away some cannot be run at all.
         bench.fit(candidates, &terms, &cold.collect::<Vec<_>>(), Effort::Polish).ok()

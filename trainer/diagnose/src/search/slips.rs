@@ -8,10 +8,10 @@
 
 use fit::cores::side_by_side;
 
-use super::stepped::{STEPS_IN_PIECES, Spot, scanned};
+use super::stepped::{STEPS_IN_PIECES, Spot, scanned, sharpened};
 use super::terms::is_open;
 use super::worth::earns_its_place;
-use super::{SearchSettings, cost, sharpened, with};
+use super::{SearchSettings, cost, with};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::error::DiagnoseError;
 use crate::judge::evidence::evidence;
@@ -58,7 +58,7 @@ pub(super) fn in_pieces(
     let mut places = Vec::new();
     for (done, k) in sticking.iter().enumerate() {
         tell("looking for what sticks", done as f64 / sticking.len() as f64);
-        let middle = candidates[*k].starts.get(candidates[*k].starts.len() / 2).cloned().unwrap_or_default();
+        let middle = candidates[*k].middle_start();
         let found = scanned(&short, candidates, &before, (*k, &middle), STEPS_IN_PIECES);
         places.extend(found.into_iter().map(|place| (with(&base.terms, *k), place)));
     }

@@ -5,10 +5,11 @@
 //! as it is compressed: all of that is put beside what was found and fitted together, and what is not needed is taken out again
 //! (backward elimination behind forward selection: Draper and Smith, *Applied Regression Analysis*, 1998, chapter 15).
 
+use super::SearchSettings;
 use super::additions::is_cheaper;
 use super::late::{LATE_SENSOR, LATE_VALVES};
 use super::terms::{is_open, kinds, starts, with};
-use super::{SearchSettings, earns_its_place};
+use super::worth::earns_its_place;
 use crate::bench::{Bench, Effort, Explanation};
 use crate::judge::evidence::evidence;
 use crate::judge::left;
@@ -32,8 +33,7 @@ pub(super) fn usual_at_once(
         for k in (0..candidates.len()).filter(|k| candidates[*k].id == id) {
             let more = with(&terms, k);
             if is_open(bench, candidates, &terms, k) && kinds(candidates, &more) <= settings.most_kinds {
-                let starts = &candidates[k].starts;
-                new.push((k, starts.get(starts.len() / 2).cloned().unwrap_or_default()));
+                new.push((k, candidates[k].middle_start()));
                 terms = more;
             }
         }

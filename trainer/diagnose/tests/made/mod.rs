@@ -65,7 +65,7 @@ pub fn made(rig: &Rig, count: usize, seed: u64) -> Vec<Recording> {
     made_after(200, 1500, rig, count, seed)
 }
 
-/// The same with so many rows, after others that were not recorded.
+/// Recording with this number of rows, after others that were not recorded.
 pub fn made_after(before: usize, recorded: usize, rig: &Rig, count: usize, seed: u64) -> Vec<Recording> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     (0..count)
@@ -76,7 +76,7 @@ pub fn made_after(before: usize, recorded: usize, rig: &Rig, count: usize, seed:
         .collect()
 }
 
-/// What is recorded of a rig under these commands, after the first rows; with the pump's relay where that is switched.
+/// Recording of a rig under these commands, after the first rows; with the pump's relay where that is switched.
 pub fn flown(
     source: &str,
     before: usize,

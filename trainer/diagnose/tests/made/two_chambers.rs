@@ -86,7 +86,7 @@ pub fn holds(rows: usize, [low, high]: [f64; 2], seed: u64) -> Vec<f64> {
     drive
 }
 
-/// What is recorded of a rig with these sensors from rest, under a drive.
+/// Recording of a rig with these sensors from rest, under a drive.
 pub fn recorded(rig: &Rig, source: &str, drive: &[f64], seed: u64) -> Recording {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let time_s: Vec<f64> = (0..drive.len()).map(|k| k as f64 * 0.02).collect();

@@ -20,10 +20,10 @@ use super::reduced_model::{Acting, ReducedModel};
 
 /// RMS of what the model's pressure errs by in a tick at random, as a share of the reading's noise; chosen.
 const PRESSURE_STEP_SHARE: f64 = 0.3;
-/// How fast the disturbance is found, in rad/s: where the valves' timing is known, and where it is not, since what a delay makes
+/// Bandwidth at which the disturbance is found, in rad/s: where the valves' timing is known, and where it is not, since what a delay makes
 /// of a change looks like a disturbance.
 const DISTURBANCE_BANDWIDTHS_PER_S: [f64; 2] = [6.0, 5.0];
-/// What is believed of a half width before anything is seen (duty, one sigma): of one that nobody has told, and of one that
+/// Uncertainty of a half width before anything is seen (duty, one sigma): of one that nobody has told, and of one that
 /// the rig file states, as a share of it (a few times the interval that a diagnosis gives it; with 0.15 what the model errs by on the
 /// way from rest was taken for a width of half as much on two of nine rigs, told all of themselves).
 const UNTOLD_SIGMA_DUTY: f64 = 0.03;
@@ -128,12 +128,12 @@ impl Channel {
     }
 }
 
-/// What is known at a tick.
+/// State of knowledge at a tick.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Estimate {
     /// Chambers in kPa gauge.
     pub(crate) pressures_kpa: Pair,
-    /// What the model errs by, in kPa/s.
+    /// Error of the model, in kPa/s.
     pub(crate) disturbance: Pair,
     /// The flappers' duties.
     pub(crate) flapper: Pair,
@@ -144,7 +144,7 @@ pub(crate) struct Estimate {
 /// The estimator of both channels.
 #[derive(Debug, Clone)]
 pub(crate) struct Estimator {
-    /// How fast disturbances are found, in rad/s.
+    /// Bandwidth at which disturbances are found, in rad/s.
     bandwidth_per_s: f64,
     channels: [Channel; CHANNELS],
 }

@@ -30,7 +30,7 @@ type StateVector = SVector<f64, STATES>;
 type InputMatrix = SMatrix<f64, STATES, CHANNELS>;
 type Feedback = SMatrix<f64, CHANNELS, STATES>;
 
-/// What the optimum is weighed by.
+/// Weights of the optimum.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Weights {
     /// q: of a squared error in kPa², a bare number a channel.
@@ -48,13 +48,13 @@ pub(crate) struct Horizon {
     pub(crate) coil: Pair,
     /// The duties that acted last.
     pub(crate) before: Pair,
-    /// What acts besides; its flapper is not read.
+    /// State that acts besides; its flapper is not read.
     pub(crate) besides: Acting,
     /// Goals at the end of each tick, in kPa gauge.
     pub(crate) goals_kpa: [Pair; HORIZON],
     /// By how much the reference changes the duty that it asks for from the tick before, in duty.
     pub(crate) asked_change: [Pair; HORIZON],
-    /// How many of each channel's first duties are given.
+    /// Number of each channel's first duties that are given.
     pub(crate) given: [usize; CHANNELS],
 }
 

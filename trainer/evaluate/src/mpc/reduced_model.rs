@@ -33,7 +33,7 @@ pub(crate) struct Timing {
 pub(crate) struct Acting {
     /// Mean duties of the flappers.
     pub(crate) flapper: Pair,
-    /// What the model errs by, in kPa/s.
+    /// Error of the model, in kPa/s.
     pub(crate) disturbance: Pair,
     /// Temperatures of the gas, in K.
     pub(crate) gas_k: Pair,
@@ -44,7 +44,7 @@ pub(crate) struct Acting {
 pub(crate) struct Slopes {
     /// `by_pressure[i][j]`: of pressure i by pressure j.
     pub(crate) by_pressure: [Pair; CHANNELS],
-    /// Of each pressure by its own flapper, kPa per duty.
+    /// Slope of each pressure by its own flapper, kPa per duty.
     pub(crate) by_flapper: Pair,
 }
 
@@ -55,12 +55,12 @@ pub(crate) struct ReducedModel {
     pub(crate) timing: [Timing; CHANNELS],
     /// Half width of play that the rig file states, in duty.
     pub(crate) half_width: Pair,
-    /// Whether the file says anything of the valves' paths.
+    /// True where the file says anything of the valves' paths.
     pub(crate) is_told: bool,
 }
 
 impl ReducedModel {
-    /// Of the rig that `map` was made of. A valve of which nothing is known is taken to be somewhat late.
+    /// Model of the rig that `map` was made of. A valve of which nothing is known is taken to be somewhat late.
     pub(crate) fn new(map: Arc<SteadyMap>) -> Self {
         let paths = *map.valve_paths();
         let timing = paths.each_ref().map(|path| {

@@ -18,6 +18,7 @@ mod layout;
 mod noise;
 pub mod quality;
 mod record;
+mod records;
 mod repeated;
 mod ripple;
 mod split;
@@ -26,7 +27,8 @@ pub mod switched;
 
 pub use layout::Layout;
 pub use noise::{Noise, deviation, noise, rms_kpa};
-pub use record::{Earlier, Record, Records};
+pub use record::{Earlier, Record};
+pub use records::Records;
 pub use repeated::each_once;
 pub use ripple::{Line, folded_hz, lines};
 pub use split::{Role, Split, Stretch};

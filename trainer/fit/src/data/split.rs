@@ -47,7 +47,7 @@ pub struct Split {
 
 /// The shortest stretch, in rows: 10 s.
 const SHORTEST_ROWS: usize = 500;
-/// So many recordings and more are given away whole.
+/// Number of recordings from which on they are given away whole.
 const WHOLE_FROM: usize = 5;
 
 impl Split {
@@ -88,22 +88,6 @@ impl Split {
         }
         split.stretches.sort_by_key(|s| (s.record, s.rows.start));
         split
-    }
-
-    /// Everything in one role, leads included.
-    pub fn all(records: &Records, role: Role) -> Self {
-        let stretches = records
-            .records()
-            .iter()
-            .enumerate()
-            .flat_map(|(record, r)| r.segments.iter().map(move |rows| Stretch { record, rows: rows.clone(), role }))
-            .collect();
-        Split { stretches }
-    }
-
-    /// A split made by hand.
-    pub fn from_stretches(stretches: Vec<Stretch>) -> Self {
-        Split { stretches }
     }
 
     /// The stretches, in order.

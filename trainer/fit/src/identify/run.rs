@@ -107,17 +107,6 @@ impl Identified {
         let [before_kpa, after_kpa] = self.before_and_after_kpa();
         after_kpa > no_worse_than(before_kpa, rms_kpa(&self.noise))
     }
-
-    /// Distance of the identified rig's free run from the true pressures, by channel in kPa: what the error exceeds the
-    /// noise by. Below about a fifth of the noise it is zero within its own uncertainty.
-    pub fn distance_from_truth_kpa(&self) -> Vec<f64> {
-        self.after
-            .free
-            .iter()
-            .zip(&self.noise)
-            .map(|(error, noise)| (error.rmse_kpa.powi(2) - noise.sigma_kpa.powi(2)).max(0.0).sqrt())
-            .collect()
-    }
 }
 
 /// Identifies the parameters of `rig` from recordings.

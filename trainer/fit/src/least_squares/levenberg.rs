@@ -58,22 +58,6 @@ pub struct Settings {
     pub needed: f64,
 }
 
-impl Settings {
-    /// Settings for `n` coordinates with a unit prior, without bounds.
-    pub fn for_coordinates(n: usize) -> Self {
-        Settings {
-            loss: Loss::Gaussian,
-            prior: vec![1.0; n],
-            bounds: vec![[f64::NEG_INFINITY, f64::INFINITY]; n],
-            rounds: 30,
-            trials: 4,
-            // A hundredth of what one standard error costs (½).
-            least_gain: 5e-3,
-            needed: f64::INFINITY,
-        }
-    }
-}
-
 /// Why a search ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stop {
@@ -319,8 +303,21 @@ mod tests {
         }
     }
 
+    /// A unit prior, no bounds; done where a step gains less than a hundredth of what one standard error costs (½).
+    fn with_prior(n: usize) -> Settings {
+        Settings {
+            loss: Loss::Gaussian,
+            prior: vec![1.0; n],
+            bounds: vec![[f64::NEG_INFINITY, f64::INFINITY]; n],
+            rounds: 30,
+            trials: 4,
+            least_gain: 5e-3,
+            needed: f64::INFINITY,
+        }
+    }
+
     fn flat(n: usize) -> Settings {
-        Settings { prior: vec![0.0; n], least_gain: 1e-16, rounds: 200, ..Settings::for_coordinates(n) }
+        Settings { prior: vec![0.0; n], least_gain: 1e-16, rounds: 200, ..with_prior(n) }
     }
 
     /// Rosenbrock's valley as a sum of squares: minimum 0 at (1, 1), from the classical start.
@@ -346,7 +343,7 @@ mod tests {
     #[test]
     fn a_prior_pulls_as_much_as_a_reading() {
         let mut reading = Function(|p: &[f64]| vec![p[0] - 3.0]);
-        let found = minimise(&mut reading, &[0.0], &Settings::for_coordinates(1)).unwrap();
+        let found = minimise(&mut reading, &[0.0], &with_prior(1)).unwrap();
         assert!((found.point[0] - 1.5).abs() < 1e-4, "{:?}", found.point);
     }
 

@@ -89,13 +89,6 @@ impl Parameter {
         Parameter { path: path.into(), transform, mean, knowledge, bounds, range: SearchRange::Whole }
     }
 
-    /// The parameter without a prior; its standard deviation stays the scale of the coordinate.
-    #[must_use]
-    pub fn without_prior(mut self) -> Self {
-        self.knowledge = Knowledge::Nothing { scale: self.scale() };
-        self
-    }
-
     /// The parameter within other bounds.
     #[must_use]
     pub fn within(mut self, low: f64, high: f64) -> Self {

@@ -76,7 +76,7 @@ pub(crate) fn recording(source: &str, duty: &[Vec<f64>; 2], pressures: &[Vec<f64
     recording_at(source, time_s, duty, pressures)
 }
 
-/// The same at given times.
+/// Recording at given times.
 pub(crate) fn recording_at(
     source: &str,
     time_s: Vec<f64>,

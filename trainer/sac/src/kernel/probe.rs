@@ -1,9 +1,9 @@
-//! What the processor could do at most.
+//! Most that the processor could do.
 #![allow(unsafe_code)] // reason: works in registers
 
 use super::{Line, Vector};
 
-/// So many rounds of 16 independent fused products of 16 floats, in registers.
+/// Does this number of rounds of 16 independent fused products of 16 floats, in registers.
 #[inline(always)]
 pub(crate) fn chained_products<V: Vector>(rounds: usize) -> f32 {
     let mut out = Line::ZERO;

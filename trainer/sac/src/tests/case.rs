@@ -20,7 +20,7 @@ impl Dice {
     }
 }
 
-/// What kind of case.
+/// Size of a case.
 #[derive(Clone, Copy)]
 pub(super) struct Size {
     pub(super) observations: usize,
@@ -119,7 +119,7 @@ pub(super) struct Drawn {
     pub(super) noise: [Vec<f64>; 3],
 }
 
-/// What update `time` draws.
+/// Draws of update `time`.
 pub(super) fn drawn(learner: &Learner, time: u64) -> Vec<Drawn> {
     let frame = &learner.shared.frame;
     let replay = read(&learner.shared.replay);

@@ -1,4 +1,4 @@
-//! What a run of rollouts leaves: its figures, and the policy that is kept.
+//! Outcome of a run of rollouts: its figures, and the policy that is kept.
 
 use environment::SIDE_BY_SIDE;
 use model::observation::Pair;
@@ -15,10 +15,10 @@ use crate::run::reference_flight;
 use crate::run_files::RunFiles;
 use crate::trained_policy::TrainedPolicy;
 
-/// What a round left.
+/// Outcome of a round.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Round {
-    /// Its number; 0 is the policy that the run began with.
+    /// Number; 0 is the policy that the run began with.
     pub round: u64,
     /// Seconds of work so far.
     pub wall_s: f64,

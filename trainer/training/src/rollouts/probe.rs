@@ -27,11 +27,11 @@ pub(super) struct Probe {
 /// A flight of eight rigs with its branches.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Episode {
-    /// What the network is put, tick by tick and rig by rig.
+    /// Features that the network is put, tick by tick and rig by rig.
     features: Vec<f32>,
-    /// What it answered.
+    /// Answers.
     answers: Vec<Answers>,
-    /// What came of shifting it.
+    /// Branches by shifted answers.
     pub(super) branches: Vec<Branch>,
 }
 
@@ -173,10 +173,10 @@ impl Probe {
     }
 }
 
-/// What the branches of one tick cost.
+/// Costs of the branches of one tick.
 struct Tried {
     tick: usize,
-    /// Of each rig and channel: shifted up and down.
+    /// Cost of each rig and channel, shifted up and down.
     cost: [[[f64; 2]; CHANNELS]; SIDE_BY_SIDE],
     tripped: [bool; SIDE_BY_SIDE],
 }
@@ -205,7 +205,7 @@ impl Tried {
     }
 }
 
-/// What a tick costs a rig: its errors before noise, and how much its answers changed.
+/// Cost of a tick of a rig: its errors before noise, and how much its answers changed.
 fn cost(settings: &RolloutSettings, step: &Step, lane: usize, now: &Answers, before: &Answers) -> f64 {
     let error: Pair = step.noise_free_error_kpa[lane];
     (0..CHANNELS)

@@ -38,7 +38,7 @@ pub trait RolloutCallback {
     fn episode(&mut self);
     /// A round is over, or the beginning was scored.
     fn round(&mut self, round: &Round, of: u64);
-    /// Whether the run is to stop: what the rounds before have left is kept.
+    /// Tells whether the run is to stop: what the rounds before have left is kept.
     fn stop(&self) -> bool;
 }
 
@@ -327,7 +327,7 @@ impl RolloutRun {
     }
 }
 
-/// Of both channels: their geometric mean.
+/// Score of both channels: their geometric mean.
 fn score_kpa([pos, neg]: Pair) -> f64 {
     (pos * neg).sqrt()
 }

@@ -1,4 +1,4 @@
-//! What a run tells: where it stands, how it ended, its figures.
+//! Reports of a run: where it stands, how it ended, its figures.
 
 use model::observation::CHANNELS;
 use serde::{Deserialize, Serialize};
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::checkpoint_selection::BestCheckpoint;
 use crate::metrics::Evaluated;
 
-/// What a run is doing.
+/// Phase that a run is in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
     /// The episode that a checkpoint was in the midst of is taken again.
@@ -22,7 +22,7 @@ pub enum Phase {
 /// Where a run stands.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Progress {
-    /// What is being done.
+    /// Phase.
     pub phase: Phase,
     /// Steps done.
     pub steps: u64,
@@ -44,13 +44,13 @@ pub struct Progress {
 pub trait TrainingCallback {
     /// Called some times a second.
     fn progress(&mut self, progress: &Progress);
-    /// Whether the run is to stop: it writes a checkpoint and ends.
+    /// Tells whether the run is to stop: it writes a checkpoint and ends.
     fn stop(&self) -> bool;
     /// Called when the last checkpoint is written, of a stop or of the end: from here on nothing can be lost.
     fn is_kept(&mut self) {}
 }
 
-/// How a run ended.
+/// End of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RunStatus {
     /// All steps are done.

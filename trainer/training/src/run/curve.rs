@@ -248,7 +248,7 @@ pub(crate) fn reference_flight(
     Ok(flown.map(|flown| Evaluated::of(name, &Score::of(&flown.ticks))))
 }
 
-/// What the kernel has counted as the most memory of this process.
+/// Most memory of this process, as the kernel has counted it.
 fn peak_memory_mib() -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));

@@ -57,7 +57,7 @@ impl EpisodeUnderWay {
     }
 }
 
-/// What chooses the actions of a step, and what learns from it.
+/// Stage of a run: what chooses the actions of a step, and what learns from it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Stage {
     /// Actions at random, nothing learns.

@@ -1,4 +1,4 @@
-//! How fast a sitting goes, and how long it will take still.
+//! Pace of a sitting, and the time that it will take still.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! What a run took, in one line: plant, model, start.
+//! Inputs of a run, in one line: plant, model, start.
 
 use model::rig::{Numbers as _, Rig};
 
@@ -12,7 +12,7 @@ impl Run {
     }
 }
 
-/// What a run with these settings took.
+/// Inputs of a run with these settings, in words.
 pub(crate) fn taken(settings: &TrainingSettings, trained_on: &Rig, model: &Rig) -> String {
     let is_randomised = !settings.environment.mechanisms.is_empty() || settings.environment.spread.is_any();
     let plant = format!(

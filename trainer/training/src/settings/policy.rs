@@ -1,4 +1,4 @@
-//! What the policy is told and answers.
+//! Contract of the policy: what it is told and answers.
 
 use serde::{Deserialize, Serialize};
 
@@ -20,7 +20,7 @@ impl Variant {
     /// All four, in the paper's order.
     pub const ALL: [Variant; 4] = [Variant::Raw, Variant::Mpobs, Variant::Caps, Variant::Both];
 
-    /// Its name in files and on command lines.
+    /// Name in files and on command lines.
     pub fn name(self) -> &'static str {
         match self {
             Variant::Raw => "raw",
@@ -30,12 +30,12 @@ impl Variant {
         }
     }
 
-    /// Whether the policy is told predictions and paid for them.
+    /// Tells whether the policy is told predictions and paid for them.
     pub fn predicts(self) -> bool {
         matches!(self, Variant::Mpobs | Variant::Both)
     }
 
-    /// Whether the policy's changes are penalised.
+    /// Tells whether the policy's changes are penalised.
     pub fn smooths(self) -> bool {
         matches!(self, Variant::Caps | Variant::Both)
     }
@@ -53,7 +53,7 @@ impl std::str::FromStr for Variant {
     }
 }
 
-/// How the numbers of an observation are put to the network.
+/// Form in which the numbers of an observation are put to the network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Features {
@@ -73,7 +73,7 @@ pub enum Plan {
     Fitted,
 }
 
-/// What the policy is told and answers.
+/// Contract of the policy: what it is told and answers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PolicySettings {
@@ -81,7 +81,7 @@ pub struct PolicySettings {
     pub contract: u32,
     /// Ablation.
     pub variant: Variant,
-    /// How observations are put to the network.
+    /// Form in which observations are put to the network.
     pub features: Features,
     /// Where the plan comes from.
     pub plan: Plan,

@@ -1,8 +1,8 @@
-//! How a policy is improved by rollouts ([`crate::rollouts`]).
+//! Settings by which a policy is improved by rollouts ([`crate::rollouts`]).
 
 use serde::{Deserialize, Serialize};
 
-/// How a policy is improved by rollouts.
+/// Settings by which a policy is improved by rollouts.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RolloutSettings {

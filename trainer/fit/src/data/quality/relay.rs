@@ -147,7 +147,7 @@ mod tests {
         assert_eq!(told(30.0), [("pump_on".to_owned(), Trouble::InvertedDuty)]);
     }
 
-    /// Of two relays of which one is logged the other way round, that one is told and the sound one is not.
+    /// One of two relays is logged the other way round: that one is told and the sound one is not.
     #[test]
     fn of_two_relays_the_sound_one_is_not_accused() {
         let second = model::rig::DUAL_PRESSURE
