@@ -35,6 +35,12 @@ fn records_and_channels_by_samples_are_read_with_their_units() {
     assert_whole(&recording, "HDF5");
     let notes = recording.notes().join("\n");
     assert!(notes.contains("HDF5 datasets of 60 rows") && notes.contains("log.setpoints has 5"), "{notes}");
+    // What is passed over is told.
+    for left_out in
+        ["log.half left out: its numbers", "log.huge left out: it is larger", "1.2.3.4.5.6.7 left out: only 6 groups"]
+    {
+        assert!(notes.contains(left_out), "{left_out}: {notes}");
+    }
 }
 
 #[test]

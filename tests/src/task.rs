@@ -7,8 +7,8 @@ pub fn tasks_named(name: &str) -> Vec<i32> {
     tasks_in(Path::new("/proc/self/task"), name)
 }
 
-/// Number of the kernel for how the thread with this name is scheduled, of another process: 0 for an ordinary thread, 1 for
-/// SCHED_FIFO. None where there is no such thread.
+/// Scheduling policy of another process's thread with this name, by the kernel's number: 0 for an ordinary thread, 1 for SCHED_FIFO.
+/// None where there is no such thread.
 pub fn scheduling_policy(process: u32, name: &str) -> Option<u64> {
     let threads = PathBuf::from(format!("/proc/{process}/task"));
     let task = *tasks_in(&threads, name).first()?;

@@ -43,7 +43,7 @@ macro_rules! frame {
     };
 }
 
-/// Making of each fault of the table.
+/// Faults of the table, each with the function that makes it.
 const FAULTS: [(&str, Tick); 42] = [
     ("positive sensor reads NaN", frame!(|s, _k| s.volts[0] = f32::NAN)),
     ("negative sensor reads NaN", frame!(|s, _k| s.volts[1] = f32::NAN)),

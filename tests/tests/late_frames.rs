@@ -50,7 +50,7 @@ enum Sent {
     ToASleeper,
 }
 
-/// Making of each fault of the table, given how many ticks of it there were before.
+/// Faults of the table, each with the function that makes it, given how many ticks of it there were before.
 const FAULTS: [(&str, fn(u32) -> Sent); 10] = [
     ("a frame missing", |_| Sent::Nothing),
     ("two frames missing in a row", |_| Sent::Nothing),

@@ -10,6 +10,7 @@ use proto::recording::Attachment;
 use crate::rotation::Destination;
 use crate::sink::Queues;
 use crate::writing::Parts;
+
 /// Stands for room that is not known.
 pub(crate) const UNKNOWN_BYTES: u64 = u64::MAX;
 

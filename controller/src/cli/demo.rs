@@ -32,7 +32,7 @@ use proto::recording::{Attachment, read_mcap};
 use super::Failure;
 use super::console::say;
 
-/// SCHED_FIFO priority of a demo's tick: above every ordinary program, and below the tick of a daemon that runs a rig on the same machine.
+/// SCHED_FIFO priority of a demo's tick: above every ordinary program, and below the 80 that a daemon's tick has by default.
 const TICK_PRIORITY: u8 = 20;
 /// That of the emulated cRIO, above the tick: hardware is never late.
 const CRIO_PRIORITY: u8 = 25;

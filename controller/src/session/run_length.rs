@@ -100,7 +100,6 @@ impl RunLength {
     pub fn is_over(&self, now_ns: u64) -> bool {
         let Some(limit) = self.limit else { return false };
         let since = |then: Option<u64>| then.map_or(0, |then| now_ns.saturating_sub(then));
-        let by_ticks = self.begun.is_some_and(|begun| self.ticks - begun.tick >= limit.ticks);
         let by_clock = match (limit.clock, limit.begins, self.begun) {
             (RunClock::Lockstep, ..) => since(self.last_tick_ns.or(self.started_ns)) > LOCKSTEP_SILENCE_NS,
             (RunClock::Realtime, _, Some(begun)) => since(Some(begun.at_ns)) >= limit.clock_ns(),
@@ -109,12 +108,22 @@ impl RunLength {
             }
             (RunClock::Realtime, Begins::WhenArmed, None) => false,
         };
-        by_ticks || by_clock
+        self.has_all_ticks() || by_clock
+    }
+
+    /// Tells whether all ticks of the run have come.
+    fn has_all_ticks(&self) -> bool {
+        self.limit.zip(self.begun).is_some_and(|(limit, begun)| self.ticks - begun.tick >= limit.ticks)
     }
 
     /// End of a run that ends now.
     pub fn end(&self, now_ns: u64) -> RunEnd {
-        if self.is_over(now_ns) { RunEnd::Whole } else { RunEnd::Before }
+        let is_whole = match self.limit.map(|limit| limit.clock) {
+            // A cRIO that has fallen silent ends the run as well, and not as a whole one.
+            Some(RunClock::Lockstep) => self.has_all_ticks(),
+            Some(RunClock::Realtime) | None => self.is_over(now_ns),
+        };
+        if is_whole { RunEnd::Whole } else { RunEnd::Before }
     }
 }
 
@@ -171,6 +180,7 @@ mod tests {
         let mut gone = RunLength::seconds(2.0, Begins::WhenArmed, RunClock::Lockstep);
         gone.tick(Armed::No, 0);
         assert!(!gone.is_over(LOCKSTEP_SILENCE_NS) && gone.is_over(LOCKSTEP_SILENCE_NS + 1));
+        assert_eq!(gone.end(LOCKSTEP_SILENCE_NS + 1), RunEnd::Before);
         let mut nobody = RunLength::seconds(2.0, Begins::WhenArmedOrSoon, RunClock::Realtime);
         nobody.started(second);
         assert!(!nobody.is_over(3 * second) && nobody.is_over(5 * second), "no cRIO at all");

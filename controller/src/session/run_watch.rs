@@ -59,6 +59,10 @@ impl<'a> Watch<'a> {
             }
             std::thread::sleep(LOOK);
         }
+        // What came since the last look: the first signal of a run is the one that its status tells.
+        for order in self.signals.orders() {
+            self.carry_out(order);
+        }
     }
 
     fn say(&self, level: EventLevel, part: &'static str, text: String) {

@@ -43,7 +43,7 @@ pub(crate) struct PumpGeometry {
     pub(crate) law: FlowFunction<f64>,
     /// κ of the gas, which `law` follows from.
     pub(crate) heat_capacity_ratio: f64,
-    /// Step by which a kilogram moves the pressure at the ports, in Pa/kg; 0 where the pressure is given.
+    /// Rise of the pressure at the ports per kilogram, in Pa/kg; 0 where the pressure is given.
     pub(crate) inlet_pa_per_kg: f64,
     pub(crate) outlet_pa_per_kg: f64,
     /// Step of the detailed pump in s.

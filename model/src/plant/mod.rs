@@ -206,7 +206,7 @@ impl<R: Real> Plant<R> {
         temperatures.chain(contractions).chain(self.joined.iter().map(|joined| joined.volume))
     }
 
-    /// Step by which a kilogram of gas at `temperature` K moves the pressure of a node, in Pa/kg; 0 where it is given.
+    /// Rise of a node's pressure per kilogram of gas at `temperature` K, in Pa/kg; 0 where it is given.
     fn pa_per_kg(&self, node: usize, x: &[R; NODES], temperature: R) -> R {
         let p = x.get(node).copied().unwrap_or(self.atmosphere_pa);
         if let Some(chamber) = self.isothermal.iter().find(|c| c.node == node) {

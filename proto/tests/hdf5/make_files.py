@@ -62,4 +62,8 @@ with h5py.File("run.h5", "w", libver=("v110", "v110")) as file:
     p = file.create_dataset("log/p", data=p_kpa.astype(">f8"), chunks=(1, 16), shuffle=True, compression="gzip")
     p.attrs["units"] = "kPa"
     file["log/setpoints"] = np.arange(5.0)
+    file["log/half"] = k.astype(np.float16)
+    # As a small file may claim to hold: nothing of it is stored.
+    file.create_dataset("log/huge", shape=(2**40,), chunks=(2**20,), dtype=np.uint8, compression="gzip")
+    file["1/2/3/4/5/6/7/deep"] = k
     file["log/spectrum"] = np.zeros(ROWS, dtype=complex)

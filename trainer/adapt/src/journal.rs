@@ -82,7 +82,7 @@ impl Flown {
 /// Diagnosis in a folder that `trainer diagnose` has written.
 ///
 /// # Errors
-/// Its file cannot be read.
+/// A file of it that cannot be read.
 pub(crate) fn diagnosis_in(found: &Path) -> Result<Diagnosis, AdaptError> {
     let path = found.join("diagnosis.json");
     let text = std::fs::read_to_string(&path).map_err(|error| AdaptError::file(&path, error))?;

@@ -172,22 +172,28 @@ impl Outcome {
         self.rig_minutes.map_or_else(|| "an unknown time".to_owned(), |minutes| format!("{minutes:.1} min"))
     }
 
-    /// The worst pressures, and who was in control there.
-    fn extremes(&self) -> String {
-        match (&self.extremes_kpa, &self.extremes_by) {
-            (Some([pos, neg]), Some([by_pos, by_neg])) => {
-                format!("{pos:.1} kPa (in control: {by_pos}) and {neg:.1} kPa ({by_neg})")
-            }
-            _ => "not known".to_owned(),
-        }
+    /// The worst pressures, and who was in control there, where they are known.
+    fn known_extremes(&self) -> Option<([f64; 2], &[String; 2])> {
+        self.extremes_kpa.zip(self.extremes_by.as_ref())
     }
 
-    /// The worst pressures as a figure of the page.
+    /// Clause on the worst pressures.
+    fn extremes(&self) -> String {
+        self.known_extremes().map_or_else(
+            || "not known".to_owned(),
+            |([pos, neg], [by_pos, by_neg])| format!("{pos:.1} kPa (in control: {by_pos}) and {neg:.1} kPa ({by_neg})"),
+        )
+    }
+
+    /// Figure of the page on the worst pressures.
     fn worst(&self) -> KeyFigure {
-        let kpa =
-            self.extremes_kpa.map_or_else(|| "not known".to_owned(), |[pos, neg]| format!("{pos:.1} / {neg:.1} kPa"));
-        let by = self.extremes_by.as_ref().map(|[pos, neg]| format!("; in control there: {pos} / {neg}"));
-        KeyFigure::new("Worst pressures", &kpa).note(&format!("experiments included{}", by.unwrap_or_default()))
+        let (kpa, by) = self.known_extremes().map_or_else(
+            || ("not known".to_owned(), String::new()),
+            |([pos, neg], [by_pos, by_neg])| {
+                (format!("{pos:.1} / {neg:.1} kPa"), format!("; in control there: {by_pos} / {by_neg}"))
+            },
+        );
+        KeyFigure::new("Worst pressures", &kpa).note(&format!("experiments included{by}"))
     }
 
     /// The page.

@@ -25,7 +25,8 @@ use crate::search::candidate::{Candidate, names_of};
 use crate::search::quick_search::settled;
 use crate::unknown::{self, Formula, UnknownTerm, fit_unknown};
 
-/// Findings on an answer so far.
+/// Findings on an answer so far; asked in this order: [`Self::upheld`], [`Self::tell_of_jumps`], [`Self::without_name`],
+/// [`Self::kind_of_rig`], [`Self::tell_what_could_hide`], [`Self::hedge`].
 pub(crate) struct Decision<'a, 'r> {
     pub(crate) request: &'a Request,
     pub(crate) bench: &'a Bench<'r>,

@@ -19,7 +19,7 @@ pub trait Controller {
     fn restart(&mut self, duty: Pair);
     /// Decides the duties of a tick, given what the model predicts for the next five.
     fn decide(&mut self, situation: &ControlInput, predicted_kpa: &[Pair; AHEAD]) -> ControlOutput;
-    /// Told what was sent.
+    /// Takes note of what was sent.
     fn applied(&mut self, duty: Pair);
 }
 

@@ -35,7 +35,7 @@ pub use vector_env::{SIDE_BY_SIDE, Step, VectorEnv};
 use model::rig::{Rig, RigError};
 use proto::emulator::SensorScale;
 
-/// Why an environment cannot be made or an episode cannot begin.
+/// Reason why an environment cannot be made or an episode cannot begin.
 #[derive(Debug, thiserror::Error)]
 pub enum EnvironmentError {
     /// The rig does not compile, lacks a port, or a drawn one is unsound.

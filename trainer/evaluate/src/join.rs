@@ -2,7 +2,7 @@
 
 use crate::table::{OPTIMUM, Row, Table};
 
-/// Why two tables are not of one kind; files are named as they were given.
+/// Reason why two tables are not of one kind; files are named as they were given.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum JoinError {
     /// Other columns.

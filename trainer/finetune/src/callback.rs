@@ -41,13 +41,13 @@ pub struct Progress {
 
 /// Whoever looks on.
 pub trait FinetuneCallback {
-    /// Told after each transition and while waiting.
+    /// Callback after each transition and while waiting.
     fn progress(&mut self, progress: &Progress);
     /// Tells whether to stop; a checkpoint is written then.
     fn stop(&self) -> bool;
-    /// Told that everything so far is on the disk.
+    /// Callback once everything so far is on the disk.
     fn is_kept(&mut self);
-    /// Told in one line what a person should know.
+    /// Callback with what a person should know, in one line.
     fn say(&mut self, text: &str);
 }
 

@@ -37,7 +37,7 @@ use proto::recording::ReadMcapError;
 use proto::reference::ReferenceError;
 use training::TrainingError;
 
-/// Why a run cannot begin or go on.
+/// Reason why a run cannot begin or go on.
 #[derive(Debug, thiserror::Error)]
 pub enum FinetuneError {
     /// The folder of recordings cannot be read.

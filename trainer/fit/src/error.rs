@@ -3,7 +3,7 @@
 use model::rig::RigError;
 use proto::recording::RecordingError;
 
-/// Why a fit cannot be made, in one line.
+/// Reason why a fit cannot be made, in one line.
 #[derive(Debug, thiserror::Error)]
 pub enum FitError {
     /// A recording lacks what the rig needs.

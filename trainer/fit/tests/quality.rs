@@ -182,8 +182,8 @@ fn a_limit_in_front_of_the_noise_is_a_limit() {
     }
 }
 
-/// A pressure that stands at one level for other reasons has no limit: a chamber that the pump has filled as far as it can, behind a valve that
-/// the rig file says opens later or earlier.
+/// A pressure that stands at one level for other reasons is at no limit: a chamber that the pump has filled as far as it can,
+/// behind a valve that the rig file says opens later or earlier.
 #[test]
 fn a_chamber_as_full_as_the_pump_makes_it_is_no_limit() {
     let mut rig = quick_rig();

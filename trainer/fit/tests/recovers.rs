@@ -119,7 +119,8 @@ fn the_fast_search_ends_where_the_close_one_does() {
         .unwrap()
         .without(|path| !(path.contains("volume_l") || path.contains("input_area")));
     let truth_rig = set.rig_at(&[0.5, -0.6, 0.4, -0.5]).unwrap();
-    let records = Records::new(&nominal_rig, &[made(&truth_rig, 1200, 4)]).unwrap();
+    let records = Records::new(&nominal_rig, &[made(&truth_rig, 2200, 4)]).unwrap();
+    // Of which 1,200 are fitted.
     let split = Split::of(&records);
     let weights = split.weights(records.layout(), Role::Fit);
     let simulator = Simulator::new(&records, Fidelity::Detailed);

@@ -49,7 +49,7 @@ pub struct Trace {
 /// Where flappers lay at the first row of each stretch of a recording; empty where nothing is known of it.
 pub type Began = Vec<Vec<Flapper>>;
 
-/// Why a recording cannot be run.
+/// Reason why a recording cannot be run.
 #[derive(Debug, thiserror::Error)]
 pub enum FreeRunError {
     /// A column that the rig asks for is missing or is text.

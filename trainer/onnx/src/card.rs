@@ -34,9 +34,9 @@ pub struct Provenance {
     pub seed: u64,
     /// Steps trained.
     pub steps: u64,
-    /// Which of the paper's parts were switched on.
+    /// Parts of the paper's that were switched on.
     pub variant: String,
-    /// Which set of settings.
+    /// Name of the set of settings.
     pub preset: String,
     /// Version of the trainer.
     pub trainer: String,

@@ -1,4 +1,4 @@
-//! Why a network is not exported, or not read back: one line each, with the mend.
+//! Reasons why a network is not exported, or not read back: one line each, with the mend.
 
 /// Fault of a network or of what is said about it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -48,9 +48,9 @@ pub enum ExportError {
         layer: usize,
         /// `weights` or `biases`.
         what: &'static str,
-        /// Number that there are.
+        /// Number found.
         found: usize,
-        /// Number that belongs there.
+        /// Number expected.
         expected: usize,
     },
     /// The output maps are not as many as the last layer's outputs.
@@ -128,7 +128,7 @@ pub enum ExportError {
     },
 }
 
-/// Why a policy file is not read back.
+/// Reason why a policy file is not read back.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ImportError {

@@ -27,7 +27,7 @@ const OPSET: u64 = 17;
 const IR_VERSION: u64 = 8;
 /// `TensorProto.DataType.FLOAT`.
 const FLOAT32: u64 = 1;
-/// Share by which an output may leave its range by rounding of the map; the controller takes ten times this.
+/// Amount by which an output may leave its range by rounding of the map, in the output's unit; the controller takes ten times this.
 const RANGE_TOLERANCE: f32 = 1e-6;
 
 /// Encodes a policy as the bytes of an ONNX file.

@@ -106,7 +106,7 @@ pub(crate) enum ActorUpdate {
     Frozen,
 }
 
-/// Number of updates, the first of which has this number (from 0).
+/// Updates to be done: so many `times`, the `first` of which has this number (from 0).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Job {
     pub(crate) first: u64,

@@ -31,11 +31,11 @@ pub(crate) struct Position {
     pub(crate) episode: u64,
     /// Seconds of work so far.
     pub(crate) wall_s: f64,
-    /// Time of these spent in the environment.
+    /// Part of them that was spent in the environment, in s.
     pub(crate) environment_s: f64,
 }
 
-/// Part of a checkpoint besides the learner.
+/// Contents of a checkpoint besides the learner.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Standing {
     pub(crate) position: Position,

@@ -90,7 +90,7 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>, TrainingError> {
 /// Makes the learner again, its replay filled from the rows that stand beside the checkpoint.
 ///
 /// # Errors
-/// What is damaged, missing, or was written under other settings, by file.
+/// Files that are damaged, missing, or were written under other settings.
 pub fn restore_learner(
     files: &RunFiles,
     settings: &TrainingSettings,

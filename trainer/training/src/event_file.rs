@@ -18,7 +18,7 @@ impl<W: Write> EventWriter<W> {
     /// Begins a file at `wall_time_s` (Unix time).
     ///
     /// # Errors
-    /// What the file system says.
+    /// Errors of the file system.
     pub fn new(out: W, wall_time_s: f64) -> io::Result<Self> {
         let mut writer = EventWriter { out };
         let mut event = Vec::new();
@@ -36,7 +36,7 @@ impl<W: Write> EventWriter<W> {
     /// Adds scalars at a step.
     ///
     /// # Errors
-    /// What the file system says.
+    /// Errors of the file system.
     pub fn scalars(&mut self, wall_time_s: f64, step: u64, scalars: &[(&str, f64)]) -> io::Result<()> {
         let mut summary = Vec::new();
         for (tag, value) in scalars {

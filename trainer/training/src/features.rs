@@ -1,4 +1,4 @@
-//! Features that the numbers of an observation are put to the network as: a linear map that the exported graph begins with.
+//! Features, as which a network is given the numbers of an observation: a linear map that the exported graph begins with.
 //!
 //! Plain features are each number by itself, brought to about −1 … 1. They leave it to the network to find a tenth
 //! of a kPa in a range of a hundred. Error features take the differences that control is about:

@@ -50,7 +50,7 @@ use environment::EnvironmentError;
 use proto::atomic_file::AtomicFileError;
 use proto::rig_file::RigFileError;
 
-/// Why a run cannot begin or go on.
+/// Reason why a run cannot begin or go on.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainingError {
     /// A settings file is wrong.
@@ -138,7 +138,7 @@ impl TrainingError {
         TrainingError::File { file: path.display().to_string(), problem: problem.to_owned() }
     }
 
-    /// Error of what the learner refuses.
+    /// Error for what the learner refuses.
     pub fn learner(what: &str, error: &dyn std::fmt::Display) -> Self {
         TrainingError::Settings { file: what.to_owned(), line: None, problem: error.to_string() }
     }

@@ -120,7 +120,7 @@ impl ReplayFiles {
     }
 }
 
-/// Which rows a file's name says that it holds; nothing for files that are none of ours.
+/// Rows that a file's name says it holds; nothing for files that are none of ours.
 fn rows_of(path: &Path) -> Option<Range<u64>> {
     let name = path.file_name()?.to_str()?.strip_suffix(".bin")?;
     let (first, end) = name.strip_prefix("rows-").or(name.strip_prefix("tail-"))?.split_once('-')?;

@@ -258,7 +258,7 @@ impl TrainingSettings {
     /// Checks every number; the text names key, value and range.
     ///
     /// # Errors
-    /// What is wrong.
+    /// Values or keys that are wrong.
     pub fn check(&self) -> Result<(), String> {
         let within = |key: &str, value: f64, low: f64, high: f64| {
             if value.is_finite() && (low..=high).contains(&value) {

@@ -209,7 +209,7 @@ impl TrainedPolicy {
     /// Reads a policy's bytes.
     ///
     /// # Errors
-    /// What is wrong with them.
+    /// Values in them that are wrong.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, String> {
         let damaged = || "is no policy of this program, or is damaged".to_owned();
         let rest = bytes.strip_prefix(MAGIC).ok_or_else(damaged)?;

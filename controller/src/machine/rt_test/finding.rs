@@ -135,7 +135,7 @@ fn rivals(test: &RtTest) -> impl Iterator<Item = Finding> {
         finding(
             Weight::Suspect,
             format!("the thread {name} ({thread}) of another program has {priority} and may use CPU {}", test.cpu),
-            format!("chrt --fifo --pid 10 {thread}, or give it another CPU: taskset -pc CPU {thread}"),
+            format!("chrt --other --pid 0 {thread}, or give it another CPU: taskset -pc CPU {thread}"),
         )
     })
 }
@@ -236,7 +236,7 @@ mod tests {
             (with(&|t| t.loaded.stolen = 0.03), "3.0 % of CPU 1"),
             (with(&|t| t.machine.isolated = String::new()), "isolcpus=1"),
             (with(&|t| t.machine.cpus = 1), "second CPU"),
-            (with(&|t| t.machine.rivals = vec![other.clone()]), "chrt --fifo --pid 10 4711"),
+            (with(&|t| t.machine.rivals = vec![other.clone()]), "chrt --other --pid 0 4711"),
             (
                 with(&|t| {
                     t.refused =

@@ -53,7 +53,7 @@ fn spoilt(hello: Hello) -> [u8; SENSE_LENGTH] {
     bytes
 }
 
-/// Asserts that no frame was overtaken.
+/// Fails the test: a frame was overtaken.
 fn alone(sense: &Sense) {
     panic!("{sense:?} was overtaken");
 }

@@ -134,7 +134,7 @@ impl Heard {
         }
     }
 
-    /// Text on bytes that are no whole frame; `None` for no byte at all.
+    /// Bytes that are no whole frame, as something heard; `None` for no byte at all.
     pub(super) fn piece(bytes: usize) -> Option<Self> {
         (bytes > 0).then_some(Heard::Piece { bytes })
     }

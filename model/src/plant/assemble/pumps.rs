@@ -207,7 +207,7 @@ impl Assembly<'_> {
         machine
     }
 
-    /// Step by which a kilogram that a pump moves within a revolution moves the pressure of a place near the atmosphere's, in
+    /// Rise of pressure of a place near the atmosphere's per kilogram that a pump moves within a revolution, in
     /// Pa/kg; `entering` is the temperature of what comes in, the place's own where gas leaves.
     pub(super) fn breathing(&self, place: &str, entering: Option<f64>) -> f64 {
         let Some(volume) = self.rig.volumes.get(place) else { return 0.0 };

@@ -25,6 +25,8 @@ pub(crate) const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
 const DEEPEST: usize = 6;
 /// Objects that are looked at.
 const MOST_OBJECTS: usize = 10_000;
+/// Memory that all arrays together may take (bytes).
+const MOST_IN_ALL: u64 = 1 << 30;
 
 /// Words for the files of other programs.
 const OTHER: Wording = Wording {
@@ -46,7 +48,7 @@ pub(crate) fn sheet(file: &str, bytes: &[u8]) -> Result<Sheet<'static>, Recordin
     if whole > bytes.len() as u64 {
         return Err(wording.broken(file, &format!("cut off: {} of {whole} bytes are there", bytes.len())));
     }
-    let mut walk = Walk { file, gathered: NumericVectors::default(), left: MOST_OBJECTS };
+    let mut walk = Walk { file, gathered: NumericVectors::default(), left: MOST_OBJECTS, left_bytes: MOST_IN_ALL };
     walk.group(&opened.root(), "", DEEPEST).map_err(damaged)?;
     walk.gathered.into_sheet(file, &wording)
 }
@@ -57,31 +59,59 @@ struct Walk<'f> {
     gathered: NumericVectors,
     /// Objects that may still be looked at.
     left: usize,
+    /// Memory that arrays may still take (bytes).
+    left_bytes: u64,
 }
 
 impl Walk<'_> {
+    /// Takes note of an object that is passed over.
+    fn leave_out(&mut self, name: &str, why: impl std::fmt::Display) {
+        self.gathered.remark(format!("{}: {name} left out: {why}", self.file));
+    }
+
+    /// Counts an object; false where no more are looked at.
+    fn is_within_count(&mut self) -> bool {
+        if self.left == 1 {
+            self.gathered.remark(format!("{}: only the first {MOST_OBJECTS} objects of it were looked at", self.file));
+        }
+        self.left = self.left.saturating_sub(1);
+        self.left > 0
+    }
+
     fn group(&mut self, group: &Group, prefix: &str, deeper: usize) -> Result<(), hdf5_pure::Error> {
         for (name, dataset) in group.iter_datasets()? {
-            if self.left == 0 {
+            if !self.is_within_count() {
                 return Ok(());
             }
-            self.left -= 1;
             let name = format!("{prefix}{name}");
-            // One array that cannot be read is no reason to read none.
+            // One array that cannot be read is no reason to read none, here and below.
             if let Err(error) = self.dataset(&dataset, &name) {
-                self.gathered.remark(format!("{}: {name} left out: {error}", self.file));
+                self.leave_out(&name, error);
             }
         }
         for (name, inner) in group.iter_groups()? {
             // Where MATLAB keeps what its cells and objects refer to.
-            if deeper == 0 || self.left == 0 || name.starts_with('#') {
+            if name.starts_with('#') {
                 continue;
             }
-            self.left -= 1;
+            if !self.is_within_count() {
+                return Ok(());
+            }
             let name = format!("{prefix}{name}");
-            match matlab_class(&inner.attrs().unwrap_or_default()) {
-                Some(class) if class != "struct" => self.gathered.leave_out(name),
-                _ => self.group(&inner, &format!("{name}."), deeper - 1)?,
+            if deeper == 0 {
+                self.leave_out(&name, format!("only {DEEPEST} groups within each other are looked into"));
+                continue;
+            }
+            let within = match inner.attrs() {
+                Ok(attributes) if matlab_class(&attributes).is_some_and(|class| class != "struct") => {
+                    self.gathered.leave_out(name);
+                    continue;
+                }
+                Ok(_) => self.group(&inner, &format!("{name}."), deeper - 1),
+                Err(error) => Err(error),
+            };
+            if let Err(error) = within {
+                self.leave_out(&name, error);
             }
         }
         Ok(())
@@ -113,9 +143,16 @@ impl Walk<'_> {
         let members: Vec<_> =
             members.into_iter().filter_map(|(name, at, of)| Some((name, at, Number::of(of)?))).collect();
         let size = dataset.element_size()?;
-        if members.is_empty() || !shape.fits(size) {
+        if members.is_empty() {
             return Ok(());
         }
+        // As they are read each number takes eight bytes, whatever it takes in the file.
+        let takes = shape.bytes(size.max(8 * members.len() as u64)).filter(|bytes| *bytes <= MOST_BYTES as u64);
+        let Some(left_bytes) = takes.and_then(|takes| self.left_bytes.checked_sub(takes)) else {
+            self.leave_out(name, "it is larger than 128 MiB, or all arrays together than 1 GiB");
+            return Ok(());
+        };
+        self.left_bytes = left_bytes;
         let bytes = dataset.read_raw()?;
         let unit = ["units", "unit"].into_iter().find_map(|key| attributes.get(key).and_then(text));
         let unit = unit.filter(|unit| Unit::parse(unit).is_some());
@@ -123,8 +160,9 @@ impl Walk<'_> {
             let numbers: Option<Vec<f64>> = (usize::try_from(size).ok())
                 .filter(|size| *size > 0)
                 .and_then(|size| bytes.chunks_exact(size).map(|record| number.read(record, at)).collect());
-            if let Some(numbers) = numbers {
-                shape.columns(&mut self.gathered, name, unit, numbers);
+            match numbers {
+                Some(numbers) => shape.columns(&mut self.gathered, name, unit, numbers),
+                None => self.leave_out(&name, "its numbers are of a kind that is not read"),
             }
         }
         Ok(())
@@ -161,15 +199,15 @@ impl Shape {
         }
     }
 
-    /// Tells whether so many elements of this size (bytes) may be read.
-    fn fits(&self, size: u64) -> bool {
+    /// Memory of all elements of this size (bytes); `None` where that is beyond counting.
+    fn bytes(&self, size: u64) -> Option<u64> {
         let elements = match *self {
             Shape::Vector { length } => Some(length),
             Shape::ColumnByColumn { rows, columns, .. } | Shape::RowByRow { rows, columns } => {
                 rows.checked_mul(columns)
             }
         };
-        elements.and_then(|elements| elements.checked_mul(size)).is_some_and(|bytes| bytes <= MOST_BYTES as u64)
+        elements.and_then(|elements| elements.checked_mul(size))
     }
 
     fn columns(&self, gathered: &mut NumericVectors, name: String, unit: Option<&str>, numbers: Vec<f64>) {

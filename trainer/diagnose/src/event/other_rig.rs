@@ -256,7 +256,7 @@ mod tests {
         assert_eq!(found([&leaks; 3].map(|rig| (rig, drive.clone()))), None);
     }
 
-    /// Physics that only a drive shows which no other file has may be missing from the rig of all of them.
+    /// Physics that shows only under a drive which no other file has may be missing from the rig of all of them.
     #[test]
     fn a_file_that_asks_more_of_the_rig_is_not_of_another() {
         let (sound, leaks) = (rig(), leaking(&rig()));

@@ -18,7 +18,7 @@ use crate::judge::evidence::{Evidence, evidence};
 use crate::judge::{excess, explains_most, left};
 use crate::search::candidate::Candidate;
 
-/// Told what is being done, and the share of it that is done.
+/// Callback that is told what is being done, and the share of it that is done.
 type Tell<'t> = &'t mut dyn FnMut(&str, f64);
 
 /// Searches among `candidates`, from the rig's own parameters at `start` (near their best without any term).

@@ -59,7 +59,7 @@ pub fn noise(records: &Records) -> Vec<Noise> {
         .collect()
 }
 
-/// Which readings are wild by themselves, before any noise is known; of the recordings' layout.
+/// Readings that are wild by themselves, before any noise is known; of the recordings' layout.
 fn wild_places(records: &Records) -> Vec<bool> {
     let mut places = vec![false; records.layout().len()];
     for (record, channel, range) in records.layout().all() {

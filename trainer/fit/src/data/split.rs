@@ -1,4 +1,4 @@
-//! Which rows are fitted, which choose between models, and which are kept back for the final figures.
+//! Rows that are fitted, that choose between models, and that are kept back for the final figures.
 //!
 //! With five recordings or more, whole recordings are given away (about 60 : 20 : 20 by rows); what is tested is
 //! then another day's run. With fewer, each recording is cut into contiguous stretches of at least 10 s, for a

@@ -58,7 +58,7 @@ pub struct Settings {
     pub needed: f64,
 }
 
-/// Why a search ended.
+/// Reason why a search ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stop {
     /// A step gained next to nothing.
@@ -80,7 +80,7 @@ pub struct Outcome {
     pub cost: f64,
     /// By how much the steps lowered it, all together.
     pub gained: f64,
-    /// Why it ended there.
+    /// Reason why it ended there.
     pub stop: Stop,
     /// Jacobians worked out.
     pub rounds: usize,

@@ -33,7 +33,7 @@ pub enum Look {
     Roughly,
     /// At places an eighth apart.
     Evenly,
-    /// As evenly, and around the best of them in steps of a 64th.
+    /// At the places of [`Look::Evenly`], and around the best of them in steps of a 64th.
     Closely,
 }
 

@@ -1,4 +1,4 @@
-//! Most that the processor could do.
+//! Probe of the most that the processor can do.
 #![allow(unsafe_code)] // reason: works in registers
 
 use super::{Line, Vector};

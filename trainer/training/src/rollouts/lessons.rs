@@ -10,7 +10,7 @@ use crate::settings::RolloutSettings;
 
 /// Lessons of one step.
 const BATCH: usize = 128;
-/// Weight of a lesson at most beside one whose curvature is the round's upper quartile.
+/// Largest weight of a lesson, beside one whose curvature is the round's upper quartile.
 const MOST_WEIGHT: f32 = 3.0;
 /// Largest answer that is aimed for; beyond it the network's last tanh is flat.
 const MOST_ANSWER: f32 = 0.98;
@@ -43,7 +43,7 @@ pub(super) fn learn(
     Ok(regression.standing())
 }
 
-/// Answer that every tick of every branch is to give.
+/// Lessons of all branches: the answer that each of their ticks is to give.
 fn lessons<'a>(round: &'a [Episode], settings: &RolloutSettings) -> Vec<Lesson<'a>> {
     let shape = shape(settings);
     let square: f32 = shape.iter().map(|k| k * k).sum();
