@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
 /// Name of the Chromium that is installed; a line where there is none.
-pub fn chromium() -> Option<&'static str> {
+pub(crate) fn chromium() -> Option<&'static str> {
     let found = ["chromium", "chromium-browser", "google-chrome"].into_iter().find(|name| {
         Command::new(name)
             .arg("--version")
@@ -23,7 +23,7 @@ pub fn chromium() -> Option<&'static str> {
 }
 
 /// Loads a page with the reader's hand in a window of a width, and answers what was seen.
-pub fn seen(browser: &str, page: &str, hand: &str, name: &str, width: u32) -> BTreeMap<String, String> {
+pub(crate) fn seen(browser: &str, page: &str, hand: &str, name: &str, width: u32) -> BTreeMap<String, String> {
     let folder: PathBuf = std::env::temp_dir().join(format!("report-browser-{}-{name}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let file = folder.join("page.html");
