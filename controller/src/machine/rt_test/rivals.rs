@@ -79,7 +79,7 @@ fn rival_in(stat: &str, thread: u32, priority: u8) -> Option<Rival> {
     })
 }
 
-/// Tells whether a thread's `status` allows it a CPU: `Cpus_allowed_list:	0,2-3`.
+/// Tells whether a thread's `status` allows it a CPU: `Cpus_allowed_list: 0,2-3`.
 fn may_run_on(status: &str, cpu: usize) -> bool {
     let Some(list) = status.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:")) else { return true };
     list.trim().split(',').any(|part| {
