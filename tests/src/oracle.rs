@@ -328,7 +328,7 @@ impl Witness {
         self.ticks += 1;
         self.controlled += u64::from(tick.mode != 0);
         let before = self.newest.replace((tick.session, tick.tick)).filter(|(session, _)| *session == tick.session);
-        let skipped = before.map_or(0, |(_, number)| tick.tick.wrapping_sub(number).saturating_sub(1));
+        let skipped = before.map_or(0, |(_, number)| tick.tick.saturating_sub(number).saturating_sub(1));
         self.misses.extend(Miss::before(tick, skipped));
         self.misses.extend(Miss::of(tick));
     }
