@@ -78,11 +78,11 @@ pub struct Session<H> {
 /// This is the real-time thread. Between sessions it waits, allocates and speaks; within one it does not.
 pub fn run_session<H: DutySource>(mut session: Session<H>) -> Result<(Cycle<H>, RunEnd), LinkError> {
     session.pulse.begin();
-    let refused = match session.config.link.pacing {
-        Pacing::Realtime => make_realtime(&session.config.realtime),
+    let (pacing, refused) = match session.config.link.pacing {
+        Pacing::Realtime => (GatePacing::RealTime, make_realtime(&session.config.realtime)),
         // The cRIO waits for every answer, so nothing is late; and a thread that never waits, with the priority of another daemon's
         // tick, would keep that from its CPU for as long as it liked.
-        Pacing::Lockstep => Vec::new(),
+        Pacing::Lockstep => (GatePacing::Lockstep, Vec::new()),
     };
     let rights = Rights::of(refused, session.memory.clone(), &session.config);
     for refused in rights.lines() {
@@ -94,10 +94,6 @@ pub fn run_session<H: DutySource>(mut session: Session<H>) -> Result<(Cycle<H>, 
         // A sequence arms itself; it would wait for ever.
         session.cycle.refuse(condition);
     }
-    let pacing = match session.config.link.pacing {
-        Pacing::Realtime => GatePacing::RealTime,
-        Pacing::Lockstep => GatePacing::Lockstep,
-    };
     let mut counts = Counts::new(rights.bar_arming());
     let mut attempt = 0;
     let mut told = (String::new(), 0);

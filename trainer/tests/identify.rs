@@ -6,7 +6,7 @@
 mod program;
 
 use model::rig::{Pump, Rig};
-use program::{Csv, Folder, coarse, refused, run, sound};
+use program::{Csv, Folder, coarse, json, refused, run, sound};
 use proto::rig_file;
 use serde_json::Value;
 
@@ -137,8 +137,7 @@ fn a_rig_that_is_off_is_found_again_and_its_file_simulates() {
 
     // Fresh commands, no noise: within 0.05 kPa, as `validate` sees it.
     let fresh = recorded(&folder, "fresh.csv", &truth(&folder, &built_file, "fresh", 1500, 9), |_, kpa| kpa);
-    let validated: Value =
-        serde_json::from_str(&sound(["validate", "--rig", &out, "--refine", "1", &fresh, "--json"])).unwrap();
+    let validated = json(&["validate", "--rig", &out, "--refine", "1", &fresh, "--json"]);
     for channel in ["pos", "neg"] {
         let rmse = figure(&validated, &format!("/overall/{channel}_rmse_kpa"));
         assert!(rmse < 0.05, "{channel}: {rmse}");
@@ -237,8 +236,7 @@ fn a_number_beyond_five_times_what_was_stated_is_found_and_said_to_be_far() {
     for (name, truth, schedule, key, expected) in cases {
         let path = cell_recorded(&folder, name, &truth, schedule);
         let out = folder.path(&format!("{name}.found.toml"));
-        let value: Value =
-            serde_json::from_str(&sound(["identify", "--rig", &file, &path, "--out", &out, "--json"])).unwrap();
+        let value = json(&["identify", "--rig", &file, &path, "--out", &out, "--json"]);
         let found = fit::parameters::value(&rig_file::load(&out).unwrap(), key).unwrap();
         // A fifth is what the stated values pull by.
         assert!((found / expected - 1.0).abs() < 0.35, "{key}: {found}, made with {expected}\n{value:#}");

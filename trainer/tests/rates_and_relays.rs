@@ -11,13 +11,11 @@ use std::fmt::Write as _;
 use model::predict::DualPressureRig;
 use model::rig::Rig;
 use program::paper_run::{Dice, ROWS, csv, sound, told_key};
-use program::{Folder, run};
-use serde_json::Value;
+use program::{Folder, json, run};
 
 /// Root mean square errors of both channels, and their readings.
 fn validated(file: &str) -> [[f64; 2]; 2] {
-    let said: Value =
-        serde_json::from_str(&program::sound(["validate", "--json", "--rig", "dual_pressure", file])).unwrap();
+    let said = json(&["validate", "--json", "--rig", "dual_pressure", file]);
     ["pos", "neg"].map(|of| ["rmse_kpa", "rows"].map(|key| said["overall"][format!("{of}_{key}")].as_f64().unwrap()))
 }
 

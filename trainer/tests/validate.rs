@@ -41,7 +41,7 @@ fn commands_beside_a_missing_reading_are_used() {
 }
 
 fn json(args: &[&str]) -> serde_json::Value {
-    serde_json::from_str(&sound([&["validate", "--json"], args].concat())).unwrap()
+    program::json(&[&["validate", "--json"], args].concat())
 }
 
 #[test]

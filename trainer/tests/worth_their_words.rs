@@ -9,7 +9,7 @@ use std::path::Path;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-use program::{Csv, Folder, refused, run, sound, trainer};
+use program::{Csv, Folder, json, refused, run, sound, trainer};
 use serde_json::Value;
 
 /// Uniform numbers in 0 … 1 from a fixed sequence (Knuth's MMIX generator).
@@ -71,7 +71,7 @@ fn decay(folder: &Folder, name: &str, kpa: impl Fn(f64) -> f64) -> String {
 
 fn diagnosed(folder: &Folder, rig: &str, recording: &str) -> Value {
     let out = folder.path("found");
-    serde_json::from_str(&sound(["diagnose", "--quick", "--json", "--rig", rig, recording, "--out", &out])).unwrap()
+    json(&["diagnose", "--quick", "--json", "--rig", rig, recording, "--out", &out])
 }
 
 fn names(value: &Value) -> Vec<String> {

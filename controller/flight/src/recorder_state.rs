@@ -9,10 +9,18 @@ use proto::recording::Attachment;
 
 use crate::rotation::Destination;
 use crate::sink::Queues;
-use crate::writing::Parts;
 
 /// Stands for room that is not known.
 pub(crate) const UNKNOWN_BYTES: u64 = u64::MAX;
+
+/// Parts of a run that an attached file goes into.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Parts {
+    /// The one being written and all after it.
+    AllFromHere,
+    /// The one being written.
+    One,
+}
 
 /// State that the thread and the recorder's handles share.
 #[derive(Debug)]
@@ -81,14 +89,15 @@ impl State {
         done
     }
 
-    /// Tells the tick whether a run begun now would not be recorded.
-    pub(crate) fn tell_tick(&self, unrecorded: bool) {
-        self.queues.unrecorded.store(unrecorded, Ordering::Release);
+    /// Tells the tick whether a run begun now would not be recorded: where a tape fails or room is short.
+    pub(crate) fn tell_tick(&self) {
+        let is_short = self.no_room.lock().unwrap_or_else(PoisonError::into_inner).is_some();
+        self.queues.unrecorded.store(is_short || self.failed.load(Ordering::Acquire), Ordering::Release);
     }
 
     pub(crate) fn set_error(&self, error: Option<String>) {
         self.failed.store(error.is_some(), Ordering::Release);
-        self.tell_tick(error.is_some() || self.no_room.lock().unwrap_or_else(PoisonError::into_inner).is_some());
+        self.tell_tick();
         *self.error.lock().unwrap_or_else(PoisonError::into_inner) = error;
     }
 }

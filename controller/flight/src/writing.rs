@@ -12,7 +12,7 @@ use proto::recording::{Attachment, EventLevel, TickRecord};
 use crate::disk::{RetentionClock, free_bytes};
 use crate::record_error::RecordError;
 use crate::recorder::{Observer, Recorded, RecorderOptions};
-use crate::recorder_state::{State, UNKNOWN_BYTES};
+use crate::recorder_state::{Parts, State, UNKNOWN_BYTES};
 use crate::rotation::TapeSource;
 use crate::sink::{Event, OrderedEvent};
 use crate::tape::Tape;
@@ -27,15 +27,6 @@ const WATCH: Duration = Duration::from_millis(250);
 const RETRY: Duration = Duration::from_secs(10);
 /// Events kept until the first tick opens a file.
 const EARLY: usize = 256;
-
-/// Parts of a run that an attached file goes into.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Parts {
-    /// The one being written and all after it.
-    AllFromHere,
-    /// The one being written.
-    One,
-}
 
 /// A text of another thread than the tick.
 pub(crate) struct Note {
@@ -314,9 +305,8 @@ impl Writing {
         let news = known.is_none() && short.is_some();
         *known = short;
         let text = known.clone().filter(|_| news);
-        let none = known.is_none();
         drop(known);
-        self.state.tell_tick(!none || self.state.failed.load(Ordering::Acquire));
+        self.state.tell_tick();
         if let Some(text) = text {
             self.say(EventLevel::Error, text);
         }

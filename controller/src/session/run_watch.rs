@@ -49,9 +49,7 @@ impl<'a> Watch<'a> {
     pub(super) fn until_over<T>(&mut self, thread: &JoinHandle<T>, stop: &AtomicBool) {
         let mut since = None;
         while !thread.is_finished() {
-            for order in self.signals.orders() {
-                self.carry_out(order);
-            }
+            self.carry_out_orders();
             self.reloaded();
             self.disk();
             if stop.load(Ordering::Relaxed) && since.get_or_insert_with(Instant::now).elapsed() > TICK_END {
@@ -60,6 +58,10 @@ impl<'a> Watch<'a> {
             std::thread::sleep(LOOK);
         }
         // What came since the last look: the first signal of a run is the one that its status tells.
+        self.carry_out_orders();
+    }
+
+    fn carry_out_orders(&mut self) {
         for order in self.signals.orders() {
             self.carry_out(order);
         }

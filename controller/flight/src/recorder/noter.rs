@@ -6,8 +6,8 @@ use std::sync::{Arc, PoisonError};
 
 use proto::recording::{Attachment, EventLevel};
 
-use crate::recorder_state::State;
-use crate::writing::{Note, Parts};
+use crate::recorder_state::{Parts, State};
+use crate::writing::Note;
 
 /// Adds texts to a recording from any thread but the tick's; may be cloned.
 #[derive(Debug, Clone)]

@@ -47,11 +47,11 @@ pub struct Machine {
 impl Machine {
     /// Looks at this machine; CPU and priority are the tick's.
     pub fn look(cpu: usize, priority: u8) -> Self {
-        Machine { rivals: rivals(cpu, priority), ..Self::look_in(Path::new("/"), cpu) }
+        Self::look_in(Path::new("/"), cpu, priority)
     }
 
     /// Looks below `root`, which holds copies of the kernel's files.
-    fn look_in(root: &Path, cpu: usize) -> Self {
+    fn look_in(root: &Path, cpu: usize, priority: u8) -> Self {
         let text = |path: &str| {
             let text = regular_file::read_text(&root.join(path), MOST_BYTES).ok()?;
             Some(text.trim().to_owned())
@@ -73,7 +73,7 @@ impl Machine {
             virtual_machine: text("proc/cpuinfo").is_some_and(|t| t.split_whitespace().any(|w| w == "hypervisor")),
             cpus: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
             isolated: text("sys/devices/system/cpu/isolated").unwrap_or_default(),
-            rivals: Vec::new(),
+            rivals: rivals(&root.join("proc"), std::process::id(), cpu, priority),
         }
     }
 }

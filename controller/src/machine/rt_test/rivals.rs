@@ -28,12 +28,8 @@ pub struct Rival {
     pub priority: Option<u64>,
 }
 
-/// Threads of other programs that may run on this CPU, with this priority or more.
-pub fn rivals(cpu: usize, priority: u8) -> Vec<Rival> {
-    rivals_in(Path::new("/proc"), std::process::id(), cpu, priority)
-}
-
-fn rivals_in(processes: &Path, own: u32, cpu: usize, priority: u8) -> Vec<Rival> {
+/// Threads of other programs than `own` that may run on this CPU, with this priority or more, by the kernel's folder of processes.
+pub(super) fn rivals(processes: &Path, own: u32, cpu: usize, priority: u8) -> Vec<Rival> {
     let numbered = |folder: &Path| {
         let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
         let numbers: Vec<u32> = entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok()).collect();
@@ -116,7 +112,7 @@ mod tests {
         thread(91, 91, stat("deadline", 0, 0, DEADLINE), "0-1");
         thread(92, 92, stat("own", 0, 80, 1), "1");
         std::fs::create_dir_all(root.join("self")).unwrap();
-        let mut found = rivals_in(&root, 92, 1, 80);
+        let mut found = rivals(&root, 92, 1, 80);
         std::fs::remove_dir_all(&root).unwrap();
         found.sort_by_key(|rival| rival.thread);
         let rival = |name: &str, thread, priority| Rival { name: name.to_owned(), thread, priority };
