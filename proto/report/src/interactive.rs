@@ -22,6 +22,19 @@ use crate::series::Series;
 /// Points of a curve that are carried in full: two minutes at 50 Hz.
 const MOST_POINTS: usize = 6_000;
 
+/// The page's script: one function, so that nothing of it is seen outside.
+const SCRIPT: &str = concat!(
+    "'use strict';\n(() => {\n",
+    include_str!("script/numbers.js"),
+    include_str!("script/arrangement.js"),
+    include_str!("script/drawing.js"),
+    include_str!("script/pointing.js"),
+    include_str!("script/saving.js"),
+    include_str!("script/view.js"),
+    include_str!("script/page.js"),
+    "})();\n"
+);
+
 /// The script element with the data and the one that uses them; empty without a plot.
 pub(crate) fn scripts(plots: &[(String, &Plot)]) -> String {
     if plots.is_empty() {
@@ -36,7 +49,7 @@ pub(crate) fn scripts(plots: &[(String, &Plot)]) -> String {
         dark.join(","),
         plots.join(","),
         arrays.texts.join(","),
-        include_str!("report.js")
+        SCRIPT
     )
 }
 
