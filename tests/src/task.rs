@@ -7,14 +7,11 @@ pub fn tasks_named(name: &str) -> Vec<i32> {
     tasks_in(Path::new("/proc/self/task"), name)
 }
 
-/// Scheduling policy of another process's thread with this name, by the kernel's number: 0 for an ordinary thread, 1 for SCHED_FIFO.
-/// None where there is no such thread.
-pub fn scheduling_policy(process: u32, name: &str) -> Option<u64> {
+/// Priority under SCHED_FIFO of another process's thread with this name; 0 for an ordinary thread, none where there is no such thread.
+pub fn fifo_priority(process: u32, name: &str) -> Option<u64> {
     let threads = PathBuf::from(format!("/proc/{process}/task"));
     let task = *tasks_in(&threads, name).first()?;
-    let stat = std::fs::read_to_string(threads.join(format!("{task}/stat"))).ok()?;
-    // Field 41 of proc_pid_stat(5); the state behind the name is the third.
-    stat.rsplit_once(')')?.1.split_whitespace().nth(38)?.parse().ok()
+    field(&std::fs::read_to_string(threads.join(format!("{task}/stat"))).ok()?, 40)
 }
 
 fn tasks_in(threads: &Path, name: &str) -> Vec<i32> {
@@ -32,10 +29,12 @@ fn tasks_in(threads: &Path, name: &str) -> Vec<i32> {
 /// If there is no such thread.
 pub fn page_faults(task: i32) -> u64 {
     let stat = std::fs::read_to_string(format!("/proc/self/task/{task}/stat")).expect("a thread of this process");
-    let (_, after_name) = stat.rsplit_once(')').expect("a name in brackets");
-    let field = |n: usize| after_name.split_whitespace().nth(n).and_then(|word| word.parse::<u64>().ok());
-    // Fields 10 and 12 of proc_pid_stat(5); the state behind the name is the third.
-    field(7).expect("minor faults") + field(9).expect("major faults")
+    field(&stat, 10).expect("minor faults") + field(&stat, 12).expect("major faults")
+}
+
+/// Field of a thread's `stat`, by its number in proc_pid_stat(5). A name may hold blanks; the state behind it is the third.
+fn field(stat: &str, number: usize) -> Option<u64> {
+    stat.rsplit_once(')')?.1.split_whitespace().nth(number - 3)?.parse().ok()
 }
 
 /// Tells whether memory of this process is locked.

@@ -10,7 +10,6 @@ use std::time::{Duration, Instant};
 
 use proto::recording::{McapContent, read_mcap};
 use serde_json::Value;
-use tests::task::scheduling_policy;
 use tests::{Folder, Running, Stream, program};
 
 /// Ticks of 60 s.
@@ -247,28 +246,4 @@ fn bad_input_gets_one_line_and_status_2() {
             assert!(ended.stderr.contains(word), "{arguments:?}: {}", ended.stderr);
         }
     }
-}
-
-/// A tick in lockstep never waits: with the priority of another daemon's tick it would keep that from its CPU.
-#[test]
-fn a_demo_in_lockstep_has_no_priority_over_others() {
-    let folder = Folder::new();
-    let mut command = Command::new(program("controller"));
-    command.args(["demo", "--fast", "--json", "--seconds", "80000", "--out"]).arg(folder.join("out"));
-    let demo = Running::start(&mut command);
-    let until = Instant::now() + Duration::from_secs(60);
-    // The thread has its name before it asks for anything, so it is looked at for a while.
-    let (mut looks, mut policies) = (0, Vec::new());
-    while looks < 50 {
-        assert!(Instant::now() < until, "no thread called tick");
-        if let Some(policy) = scheduling_policy(demo.pid(), "tick") {
-            policies.push(policy);
-            looks += 1;
-        }
-        std::thread::sleep(Duration::from_millis(10));
-    }
-    demo.terminate();
-    let ended = demo.wait(Duration::from_secs(60));
-    assert_eq!(ended.status, Some(143), "{}", ended.stderr);
-    assert!(policies.iter().all(|policy| *policy == 0), "{policies:?}");
 }
