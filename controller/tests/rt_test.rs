@@ -10,7 +10,7 @@ use std::time::Duration;
 use serde_json::Value;
 
 mod process;
-use process::{Ended, Running, alone, finish, without_real_time_rights};
+use process::{Ended, Running, alone, finish, with_small_limits_and, without_real_time_rights};
 
 /// Seconds of a test; half of them under load.
 const SECONDS: &str = "3";
@@ -119,6 +119,18 @@ fn rights_that_are_missing_are_named_with_the_lines_that_give_them() {
         assert!(unwrapped.contains(words), "`{words}` is not in: {ended:?}");
     }
     assert!(!ended.stdout.contains("good: every wake"), "{ended:?}");
+}
+
+/// Who holds CAP_IPC_LOCK may lock what it likes, whoever it is and however small the limit.
+#[test]
+fn memory_is_locked_by_the_capability_where_the_limit_is_small() {
+    for (capabilities, is_locked) in [("-all,+ipc_lock", true), ("-all", false)] {
+        let Some(mut command) = with_small_limits_and(capabilities) else { return };
+        let _alone = alone();
+        let ended = finish(command.arg(env!("CARGO_BIN_EXE_controller")).args(["rt-test", "--seconds", "1"]));
+        assert_eq!(ended.stdout.contains("memory is not locked"), !is_locked, "{capabilities}: {ended:?}");
+        assert!(ended.stdout.contains("no SCHED_FIFO priority"), "{capabilities}: {ended:?}");
+    }
 }
 
 /// Ctrl-C: what was measured by then is told.

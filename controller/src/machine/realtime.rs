@@ -6,8 +6,8 @@
 use std::sync::OnceLock;
 
 use rustix::mm::{MlockAllFlags, mlockall};
-use rustix::process::{Resource, geteuid, getpriority_process, getrlimit, setpriority_process};
-use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+use rustix::process::{Resource, getpriority_process, getrlimit, setpriority_process};
+use rustix::thread::{CapabilitySet, CpuSet, capabilities, sched_getaffinity, sched_setaffinity};
 use thread_priority::{
     NormalThreadSchedulePolicy, RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityOsValue,
     ThreadPriorityValue, ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
@@ -81,7 +81,8 @@ impl Rights {
 pub fn lock_memory() -> MemoryLock {
     // Locking what will come, too, under a small limit would not fail here but when the next thread needs a stack.
     let limit = getrlimit(Resource::Memlock).current.unwrap_or(u64::MAX);
-    if limit < ENOUGH_MEMORY && !geteuid().is_root() {
+    let is_bound = !capabilities(None).is_ok_and(|own| own.effective.contains(CapabilitySet::IPC_LOCK));
+    if limit < ENOUGH_MEMORY && is_bound {
         return MemoryLock::Refused(format!(
             "memory is not locked (the limit is {} MiB); a page fault may delay a tick: give the service LimitMEMLOCK=infinity",
             limit >> 20

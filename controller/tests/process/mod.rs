@@ -41,17 +41,36 @@ pub fn controller(arguments: &[&str], file: &Path) -> Command {
 /// skipped.
 pub fn without_real_time_rights() -> Option<Command> {
     // Any user may give up limits, but the superuser's capabilities stand above them.
-    let tool = if rustix::process::getuid().is_root() { "setpriv" } else { "prlimit" };
-    if !Command::new(tool).arg("--version").stdout(Stdio::null()).status().is_ok_and(|status| status.success()) {
-        println!("SKIPPED: no {tool} here, which takes rights away");
+    if rustix::process::getuid().is_root() {
+        return with_small_limits_and("-all");
+    }
+    let mut command = tool("prlimit")?;
+    command.args(SMALL_LIMITS);
+    Some(command)
+}
+
+/// A command of the superuser that runs the program named behind it with these capabilities (as `setpriv` takes them), without
+/// priority, and with limits that are too small; `None` after a line that says that the test is skipped.
+pub fn with_small_limits_and(capabilities: &str) -> Option<Command> {
+    if !rustix::process::getuid().is_root() {
+        println!("SKIPPED: only the superuser gives up some capabilities and keeps others");
         return None;
     }
-    let mut command = Command::new(tool);
-    if tool == "setpriv" {
-        command.args(["--bounding-set=-all", "--inh-caps=-all", "--no-new-privs", "prlimit"]);
-    }
-    command.args(["--rtprio=0:0", "--memlock=65536:65536"]);
+    let mut command = tool("setpriv")?;
+    command.arg(format!("--bounding-set={capabilities}")).args(["--inh-caps=-all", "--no-new-privs", "prlimit"]);
+    command.args(SMALL_LIMITS);
     Some(command)
+}
+
+const SMALL_LIMITS: [&str; 2] = ["--rtprio=0:0", "--memlock=65536:65536"];
+
+fn tool(name: &str) -> Option<Command> {
+    let is_there =
+        Command::new(name).arg("--version").stdout(Stdio::null()).status().is_ok_and(|status| status.success());
+    if !is_there {
+        println!("SKIPPED: no {name} here, which takes rights away");
+    }
+    is_there.then(|| Command::new(name))
 }
 
 /// A folder that goes away with its handle.
