@@ -23,9 +23,9 @@ mod requests;
 mod telling;
 
 use handover::{ExplorationShown, PolicyEvent};
-use model::observation::Pair;
+use model::observation::{CHANNELS, Pair};
 use monitor::plausibility::{Foresight, Phase};
-use monitor::{Frame, Monitor, SentCommand};
+use monitor::{Excitation, Frame, Monitor, SentCommand};
 use proto::recording::TickRecord;
 use proto::wire::{Mode, Sense};
 use safety_filter::{SafetyFilter, SlewLimit};
@@ -247,7 +247,9 @@ impl<H: DutySource> Cycle<H> {
                     let held = self.held(wanted, last);
                     self.answer = self.filtered(held, record, tell);
                     let reference = [record.ref_pos_kpa, record.ref_neg_kpa];
-                    self.monitor.decided(reference, self.measured, self.answer.duty);
+                    let noise = [record.exploration_pos, record.exploration_neg];
+                    let excitation = if noise == [0.0; CHANNELS] { Excitation::None } else { Excitation::Noise };
+                    self.monitor.decided(reference, self.measured, self.answer.duty, excitation);
                 }
                 None => {
                     self.conditions.insert(Condition::LawNotFinite, f64::NAN);

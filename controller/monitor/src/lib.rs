@@ -8,7 +8,7 @@
 //! | [`frozen_reading`] | a reading that stands still although it used to scatter |
 //! | [`jump`] | a reading that jumps away from what it could be |
 //! | `hypothesis`, [`model_residual`] | readings against what models foresaw |
-//! | `reference_motion` | how fast the references have moved of late |
+//! | `reference_motion` | how fast the references have moved of late, and whether noise moved the valves |
 //! | `slowness` | how many times slower a rig is than its model |
 //! | `coupling` | the reading that is wrong where one contradicts its model: the pump couples the chambers |
 //! | `standing` | a reading that rests where its model says that it must go on |
@@ -43,3 +43,4 @@ pub use frame_gate::{FrameGate, Pacing, Rejection};
 pub use loss_window::LossWindow;
 pub use monitor_models::MonitorModels;
 pub use plausibility::{Frame, Monitor};
+pub use reference_motion::Excitation;

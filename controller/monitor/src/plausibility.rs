@@ -12,7 +12,7 @@ use crate::jump::{JUMP_KPA, Jump, Worth};
 use crate::lagged_command::LaggedCommand;
 use crate::model_residual::{Limits, Measure};
 use crate::monitor_models::{HYPOTHESES, MonitorModels};
-use crate::reference_motion::ReferenceMotion;
+use crate::reference_motion::{Excitation, ReferenceMotion};
 use crate::tracking::Tracking;
 use crate::vent_check::VentCheck;
 
@@ -259,13 +259,13 @@ impl Monitor {
         self.models.coupling.named(found, sums_kpa)
     }
 
-    /// Takes the references and what was decided for them.
+    /// Takes the references and what was decided for them, and what was added to that.
     ///
     /// # Real-time
     /// Runs in the tick.
-    pub fn decided(&mut self, reference_kpa: Pair, measured_kpa: Pair, duty: Pair) {
+    pub fn decided(&mut self, reference_kpa: Pair, measured_kpa: Pair, duty: Pair, excitation: Excitation) {
         self.tracked = ConditionSet::EMPTY;
-        self.motion.follow(reference_kpa);
+        self.motion.follow(reference_kpa, excitation);
         if reference_kpa.iter().all(|p| p.is_finite()) {
             self.tracking.judge(reference_kpa, measured_kpa, duty, &mut self.tracked);
         }
