@@ -187,6 +187,22 @@ fn an_acknowledgement_tells_what_it_released_and_what_waits_on() {
     scene.end();
 }
 
+/// An answer that says "arm when you are ready" is followed by an arming that is asked for at once.
+#[test]
+fn what_is_acknowledged_is_armed_at_once() {
+    let mut scene = Scene::under_control("dual_pressure");
+    assert_eq!(scene.spoilt(|sense| sense.volts[0] = f32::NAN), Some(Mode::Vent));
+    for _ in 0..100 {
+        scene.step();
+    }
+    for (question, answer) in [("acknowledge", "arm when you are ready"), ("arm", "armed")] {
+        let done = scene.ask_at_length(&[question]);
+        assert!(done.status == Some(0) && done.stdout.contains(answer), "{done:?}");
+    }
+    scene.control(20);
+    scene.end();
+}
+
 #[test]
 fn a_disarming_without_a_crio_says_that_nothing_is_known() {
     let folder = Folder::new();

@@ -21,6 +21,8 @@ pub struct Memory {
     pub latched: ConditionSet,
     /// Sound frames in a row.
     pub sound_frames: u32,
+    /// Sound frames that are still to come behind a venting before the rig arms by itself; a person need not wait for them.
+    pub settling_frames: u32,
     /// Good ticks in a row while in HOLD or REVERT.
     pub good_ticks: u32,
     /// Returns from REVERT made in this period.
@@ -40,6 +42,7 @@ impl Memory {
         reverted: None,
         latched: ConditionSet::EMPTY,
         sound_frames: 0,
+        settling_frames: 0,
         good_ticks: 0,
         returns: 0,
         return_period_ticks: 0,

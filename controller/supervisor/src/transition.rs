@@ -148,7 +148,8 @@ fn disconnect(memory: &mut Memory, inputs: &Inputs<'_>) -> Transition {
 }
 
 fn open(memory: &mut Memory) -> Transition {
-    (memory.sound_frames, memory.good_ticks, memory.reverted) = (0, 0, None);
+    (memory.sound_frames, memory.settling_frames) = (0, 0);
+    (memory.good_ticks, memory.reverted) = (0, None);
     let waiting = memory.latched.worst(Severity::Vent);
     memory.state = match waiting {
         Some(_) => State::Vent,
@@ -179,6 +180,7 @@ fn vent(memory: &mut Memory, worst: Condition) -> Transition {
 fn sound(memory: &mut Memory, inputs: &Inputs<'_>) -> Transition {
     if inputs.tick == Tick::Frame {
         memory.sound_frames = memory.sound_frames.saturating_add(1);
+        memory.settling_frames = memory.settling_frames.saturating_sub(1);
     }
     match memory.state {
         State::Init | State::Connect | State::Stop => Transition::None,
@@ -196,8 +198,10 @@ fn sound(memory: &mut Memory, inputs: &Inputs<'_>) -> Transition {
         }
         State::Fault => Transition::None,
         State::Vent if memory.latched.is_empty() && memory.sound_frames >= FRAMES_TO_ARM => {
+            // The frames that ended the venting are those that arming asks for: whoever is told that it stands by can arm it. By itself
+            // it waits for as many again, so that a cause that comes and goes does not switch pump and valves each time.
             memory.state = State::Standby;
-            (memory.cause, memory.sound_frames) = (None, 0);
+            (memory.cause, memory.settling_frames) = (None, FRAMES_TO_ARM);
             Transition::Recovered
         }
         State::Vent => Transition::None,
@@ -206,7 +210,8 @@ fn sound(memory: &mut Memory, inputs: &Inputs<'_>) -> Transition {
 
 fn arm(memory: &mut Memory, inputs: &Inputs<'_>) -> Transition {
     let asked = matches!(inputs.request, Some(Request::Arm | Request::Play));
-    let by_itself = inputs.arming == Arming::Automatic && memory.may_arm_itself && inputs.request.is_none();
+    let may_arm_itself = memory.may_arm_itself && memory.settling_frames == 0;
+    let by_itself = inputs.arming == Arming::Automatic && may_arm_itself && inputs.request.is_none();
     if inputs.tick != Tick::Frame || !(asked || by_itself) || !memory.can_arm(inputs.conditions) {
         return Transition::None;
     }

@@ -245,6 +245,37 @@ fn arms_when_asked_and_ripe_and_never_late() {
     assert_eq!((missed.state, missed.sound_frames), (State::Standby, memory.sound_frames));
 }
 
+/// "Sound again, ready to be armed" and "acknowledged, arm when you are ready" hold in the tick that they are said for.
+#[test]
+fn what_has_recovered_is_armed_in_the_next_tick() {
+    let mut waiting = ripe(State::Vent);
+    waiting.latched.insert(Condition::CrioTripped, 1.0);
+    for (before, request) in [(ripe(State::Vent), None), (waiting, Some(Request::Acknowledge))] {
+        let (recovered, action) = step(&before, Tick::Frame, &ConditionSet::EMPTY, request);
+        assert_eq!((recovered.state, action.transition), (State::Standby, Transition::Recovered));
+        assert!(recovered.can_arm(&ConditionSet::EMPTY), "{request:?}");
+        let (armed, _) = step(&recovered, Tick::Frame, &ConditionSet::EMPTY, Some(Request::Arm));
+        assert_eq!(armed.state, State::Run, "{request:?}");
+    }
+}
+
+/// By itself the rig is armed half a second later, so that a cause that comes and goes does not switch pump and valves each time.
+#[test]
+fn what_has_recovered_arms_itself_half_a_second_later() {
+    let automatic = |memory: &Memory| {
+        let conditions = &ConditionSet::EMPTY;
+        next(memory, &Inputs { tick: Tick::Frame, conditions, request: None, arming: Arming::Automatic })
+    };
+    let (mut memory, action) = automatic(&ripe(State::Vent));
+    assert_eq!(action.transition, Transition::Recovered);
+    let mut frames = 0;
+    while memory.state == State::Standby {
+        memory = automatic(&memory).0;
+        frames += 1;
+    }
+    assert_eq!((memory.state, frames), (State::Run, FRAMES_TO_ARM));
+}
+
 #[test]
 fn what_bars_arming_does_so_whatever_else_is_wrong() {
     for bar in Condition::ALL.iter().filter(|c| c.severity() == Severity::BarsArming) {

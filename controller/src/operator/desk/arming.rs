@@ -9,7 +9,10 @@ use crate::operator::mailbox::{Fate, Request, Status, Ticket};
 use crate::operator::notice::why_barred;
 use crate::operator::operator_protocol::{ECHO_TIME, EFFECT_TIME};
 use crate::operator::peer::Peer;
+use crate::state::FRAMES_TO_ARM;
 
+/// Time for which all must have been sound before the rig is armed.
+const SOUND_MS: u64 = FRAMES_TO_ARM as u64 * proto::wire::TICK_NS / 1_000_000;
 /// Answered to an acknowledgement that came too late for the tick.
 const LATE: &str = "no tick took it in time; try again";
 /// Told where a tick has taken an acknowledgement, and none was shown since.
@@ -59,8 +62,7 @@ impl Desk {
             return Err(format!("it cannot be armed: {}", why_barred(condition)));
         }
         if !status.can_arm {
-            let name = status.state.as_str();
-            return Err(format!("it is {name} and cannot be armed yet; `controller status` tells why"));
+            return Err(not_yet(&status));
         }
         self.ask_tick(Request::Arm, asked.since)
     }
@@ -165,6 +167,18 @@ impl Desk {
             }
             Err(why) => self.over("acknowledge", peer, Err(why)),
         }
+    }
+}
+
+/// Answer to an order to arm a rig for which nothing waits and nothing is barred, before its frames have been sound for long enough.
+fn not_yet(status: &Status) -> String {
+    let name = status.state.as_str();
+    match status.fault {
+        Some(condition) => {
+            let cause = condition.name();
+            format!("it is {name} ({cause}) and can be armed {SOUND_MS} ms after that is over; ask again then")
+        }
+        None => format!("it is {name} and its frames must be sound for {SOUND_MS} ms first; ask again in a second"),
     }
 }
 
