@@ -132,3 +132,12 @@ fn an_empty_path_of_a_file_is_refused_with_its_key() {
         check_refused(&folder, &format!("{LINK}\n{key} = \"\""), &format!("c.toml: {key}: it is empty"));
     }
 }
+
+/// `check` found a place for the socket `x/`, and `run` none.
+#[test]
+fn a_path_of_a_file_that_ends_as_a_folder_is_refused_with_its_key() {
+    let folder = Folder::new();
+    for key in ["control.socket", "reference.file", "rig.file"] {
+        check_refused(&folder, &format!("{LINK}\n{key} = \"x/\""), &format!("c.toml: {key}: it ends with `/`"));
+    }
+}

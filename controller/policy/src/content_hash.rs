@@ -20,16 +20,17 @@ const DIGITS: usize = 64;
 /// Compares a file's bytes with the hash in its metadata, if it has one or promises one.
 ///
 /// # Errors
-/// [`Fault::ContentHash`], [`Fault::ContentHashMissing`].
+/// [`Fault::ContentHash`], [`Fault::ContentHashMissing`], [`Fault::ContentHashUnreadable`], [`Fault::ContentHashUnpromised`].
 pub(crate) fn check(bytes: &[u8], metadata: &Metadata) -> Result<(), Fault> {
     let Some(stated) = metadata.get(KEY) else {
         return if metadata.get(FORMAT).is_some() { Err(Fault::ContentHashMissing) } else { Ok(()) };
     };
-    let found = place(bytes).map(|at| digest(bytes, at)).unwrap_or_default();
-    if metadata.get(FORMAT).is_some() && found == stated {
-        return Ok(());
+    let Some(at) = place(bytes) else { return Err(Fault::ContentHashUnreadable { stated: shown(stated) }) };
+    let found = digest(bytes, at);
+    if found != stated {
+        return Err(Fault::ContentHash { stated: shown(stated), found });
     }
-    Err(Fault::ContentHash { stated: shown(stated), found })
+    if metadata.get(FORMAT).is_some() { Ok(()) } else { Err(Fault::ContentHashUnpromised) }
 }
 
 /// Where the digits stand: behind the key's entry, field 2 with a length of 64.

@@ -323,6 +323,19 @@ pub enum Fault {
         "lost the hash of itself that its exporter wrote (metadata key \"content_sha256\"); copy or export it again"
     )]
     ContentHashMissing,
+    /// A value in the place of the hash that is none.
+    #[error(
+        "says {stated:?} of itself where a hash of 64 digits belongs (metadata key \"content_sha256\"); copy or export it again, or leave the key out"
+    )]
+    ContentHashUnreadable {
+        /// Value that its metadata state.
+        stated: String,
+    },
+    /// A hash that is right, without the key that promises it.
+    #[error(
+        "has its hash (metadata key \"content_sha256\") and not the key \"export_format\" that goes with it; export it with both or neither"
+    )]
+    ContentHashUnpromised,
     /// A metadata key given twice.
     #[error("metadata key {key:?} stands twice; keep one")]
     MetadataTwice {

@@ -11,6 +11,14 @@ pub enum GoldenProblem {
         /// Pairs in `golden_output`.
         outputs: usize,
     },
+    /// More pairs than are taken.
+    #[error("{found} pairs are more than {most}, the most that are taken")]
+    TooMany {
+        /// Pairs that are there.
+        found: usize,
+        /// Most that are taken.
+        most: usize,
+    },
     /// A pair of the wrong width.
     #[error("{found} numbers where {expected} belong")]
     Width {

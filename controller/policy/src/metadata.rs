@@ -140,10 +140,14 @@ impl Metadata {
     pub(crate) fn golden(&self, contract: &PolicySignature) -> Result<Vec<GoldenPair>, Fault> {
         let rows = |key| self.get(key).map_or_else(Vec::new, |text| parted(text, ';'));
         let (inputs, outputs) = (rows("golden_input"), rows("golden_output"));
-        if inputs.len() != outputs.len() || inputs.len() > MOST_GOLDEN_PAIRS {
-            let problem = GoldenProblem::Count { inputs: inputs.len(), outputs: outputs.len() };
-            let pair = inputs.len().min(outputs.len()).min(MOST_GOLDEN_PAIRS) + 1;
-            return Err(Fault::GoldenUnreadable { key: "golden_input", pair, problem });
+        let wrong =
+            |pairs: usize, problem| Err(Fault::GoldenUnreadable { key: "golden_input", pair: pairs + 1, problem });
+        let (given, answered) = (inputs.len(), outputs.len());
+        if given != answered {
+            return wrong(given.min(answered), GoldenProblem::Count { inputs: given, outputs: answered });
+        }
+        if given > MOST_GOLDEN_PAIRS {
+            return wrong(MOST_GOLDEN_PAIRS, GoldenProblem::TooMany { found: given, most: MOST_GOLDEN_PAIRS });
         }
         let pairs = inputs.iter().zip(&outputs).enumerate();
         pairs

@@ -172,6 +172,12 @@ refuses! {
         Fault::GoldenDiffers { pair: 1, output: 0, .. }, ["0.999", "golden pair 1"];
     golden_pair_cut_short: |o| { o.metadata("golden_input", "0,0,0").metadata("golden_output", "1"); },
         Fault::GoldenUnreadable { .. }, ["3 numbers where 84 belong"];
+    more_golden_pairs_than_are_taken: |o| {
+        o.metadata("golden_input", &vec!["0"; 257].join(";")).metadata("golden_output", &vec!["0"; 257].join(";"));
+    },
+        Fault::GoldenUnreadable { pair: 257, .. }, ["257 pairs are more than 256"];
+    a_hash_of_itself_that_is_none: |o| { o.metadata("content_sha256", "abc"); },
+        Fault::ContentHashUnreadable { .. }, ["\"abc\"", "64 digits"];
     golden_input_alone: |o| { o.metadata("golden_input", &["0"; 84].join(",")); },
         Fault::GoldenUnreadable { .. }, ["1 pairs and golden_output 0"];
 }

@@ -121,6 +121,13 @@ pub(super) fn check(config: &Config, file: &Path) -> Result<(), ConfigError> {
     if let Some((key, _)) = empty {
         return wrong(key, "it is empty; write the path of a file, or leave the key out".to_owned());
     }
+    // The system would look for a folder of that name.
+    let of_a_folder = paths(config)
+        .into_iter()
+        .find(|(key, path)| FILES.contains(key) && path.as_os_str().as_encoded_bytes().ends_with(b"/"));
+    if let Some((key, _)) = of_a_folder {
+        return wrong(key, "it ends with `/`, which makes a folder of it; write the path of a file".to_owned());
+    }
     let no_path = paths(config).into_iter().find(|(_, path)| path.as_os_str().as_encoded_bytes().contains(&0));
     match no_path {
         Some((key, _)) => wrong(key, "a zero byte (\\u0000) stands in it, and no path has one; take it out".to_owned()),
