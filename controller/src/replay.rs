@@ -99,6 +99,8 @@ enum Place {
     Within,
     /// In the same recording, behind a part of it that is damaged.
     BehindDamage,
+    /// In the same recording, of which a part is damaged that nobody can place: another tool has put the ticks in another order.
+    PerhapsBehindDamage,
     /// In the next.
     Between,
 }
@@ -108,6 +110,7 @@ fn place(run: &RunFile, index: usize) -> Place {
     match index {
         0 => Place::Between,
         _ if run.content.lost_before.contains(&index) => Place::BehindDamage,
+        _ if run.content.is_damaged_within && run.content.lost_before.is_empty() => Place::PerhapsBehindDamage,
         _ => Place::Within,
     }
 }
@@ -204,7 +207,8 @@ impl Replay {
     }
 
     /// Reason why ticks before this one are not in the recording, if any are not. A number that is skipped is no proof: in
-    /// lockstep a frame that never came leaves no tick.
+    /// lockstep a frame that never came leaves no tick, and of frames that queue up only the newest does. Nor is one that comes
+    /// twice: a frame that was missed and came late has the number of the tick that went without it.
     fn lost_before(&self, tick: &TickRecord, place: Place) -> Option<String> {
         let (session, number, dropped) = self.last?;
         let at = format!("before tick {} of session {:08X}", tick.tick, tick.session);
@@ -217,7 +221,10 @@ impl Replay {
         // Within a file another session is nothing to wonder at; behind what was cut short or damaged it is what was lost.
         let is_elsewhere = session != tick.session || number.wrapping_add(1) != tick.tick;
         let (skipped, may_be_lost) = match place {
-            Place::Within => (session == tick.session && is_elsewhere, self.is_damaged),
+            Place::Within => (false, false),
+            Place::PerhapsBehindDamage => {
+                (session == tick.session && is_elsewhere && number != tick.tick, self.is_damaged)
+            }
             Place::BehindDamage => (is_elsewhere, self.is_damaged),
             // A recording that holds no tick may have stood between.
             Place::Between => (is_elsewhere, self.is_damaged || self.lacks_ticks),

@@ -146,3 +146,31 @@ fn a_damaged_file_inside_is_named_and_the_ticks_are_read() {
     assert_eq!((other.status, &found(&other)["ended_early"]), (Some(0), &Value::Null), "{other:?}");
     assert!(other.stderr.contains("the attachment emulated_rig.toml is damaged"), "{other:?}");
 }
+
+/// A recording in real time, in which some frames were missed and came late, or were overtaken: such ticks are in no other way
+/// damaged, and all that is whole of a file that was cut is compared.
+#[test]
+fn a_missed_frame_of_a_cut_recording_is_no_damage() {
+    let folder = Folder::new();
+    let faults = folder
+        .write("late.toml", b"[[fault]]\nkind = \"delay\"\nframe = \"sense\"\nby_ms = 15\nfirst = 40\nevery = 20\n");
+    let mut command = Command::new(program("controller"));
+    command.args(["demo", "--seconds", "4", "--policy", "fallback", "--faults"]).arg(faults);
+    finish(command.arg("--out").arg(folder.join("out")));
+    let whole = std::fs::read(folder.join("out/flight.mcap")).unwrap();
+    let file = folder.write("cut.mcap", &whole[..whole.len() * 3 / 4]);
+    let ticks = read_mcap(&file).unwrap().ticks;
+    assert!(ticks.iter().any(|tick| !tick.sense_present), "a frame was missed");
+    assert!(
+        ticks.windows(2).any(|pair| pair[0].tick.wrapping_add(1) != pair[1].tick),
+        "and numbers are out of their order"
+    );
+    let ended = replay(&file);
+    let told = found(&ended);
+    assert_eq!(
+        (ended.status, &told["ticks"], &told["ticks_differing"]),
+        (Some(1), &ticks.len().into(), &0.into()),
+        "{ended:?}"
+    );
+    assert!(told["ended_early"].as_str().unwrap().contains("cut short"), "{told}");
+}
