@@ -32,6 +32,8 @@ if command -v systemd-sysusers >/dev/null; then
     if command -v systemd-tmpfiles >/dev/null && [ "$(id -u)" = 0 ]; then
         systemd-tmpfiles --root="$scratch/root" --create "$PWD/dual-pressure.tmpfiles"
         [ -d "$scratch/root/var/lib/dual-pressure/recordings" ]
+        # The sockets' folder, which the package has made at its installation.
+        [ -d "$scratch/root/run/dual-pressure" ]
     fi
 fi
 echo "$name, sysusers, tmpfiles: sound"
