@@ -86,6 +86,7 @@ fn a_check_waits_a_few_seconds_for_a_name_server() {
     assert!(folder.join("asked").exists(), "{ended:?}");
     assert!(ended.stderr.contains("crio.example:50500: no name server has answered within 3 s"), "{ended:?}");
     assert!(ended.stdout.contains("sound") && ended.status == Some(0), "{ended:?}");
+    assert!(ended.stdout.contains("sound but for what is remarked above"), "{ended:?}");
 }
 
 #[test]

@@ -84,3 +84,58 @@ fn help_and_messages_fit_the_terminal() {
         }
     }
 }
+
+/// Text of a manual page's line, without the marks that its language needs.
+fn unmarked(line: &str) -> String {
+    line.replace("\\-", "-").replace("\\'", "'").replace("\\\\", "\\")
+}
+
+/// Help of the command that a manual page is about.
+fn help_of(name: &str, words: &str) -> String {
+    let help = |arguments: &[&str]| {
+        let output = Command::new(program(name)).args(arguments).arg("--help").output().unwrap();
+        output.status.success().then(|| String::from_utf8(output.stdout).unwrap())
+    };
+    let whole = if words.is_empty() { help(&[]) } else { help(&[words]) };
+    // A command of a command: `evaluate-loads`.
+    whole.or_else(|| words.split_once('-').and_then(|(first, rest)| help(&[first, rest]))).unwrap()
+}
+
+#[test]
+fn examples_can_be_pasted_from_help_and_from_manual_pages() {
+    const WIDEST: usize = 78;
+    for name in ["controller", "trainer"] {
+        let folder = tests::Folder::new();
+        assert!(Command::new(program(name)).arg("generate").arg(folder.join("")).status().unwrap().success());
+        let mut examples = 0;
+        for page in std::fs::read_dir(folder.join("man1")).unwrap() {
+            let page = page.unwrap().path();
+            let about = page.file_stem().unwrap().to_str().unwrap().strip_prefix(name).unwrap().trim_start_matches('-');
+            if about == "generate" {
+                continue;
+            }
+            let text = std::fs::read_to_string(&page).unwrap();
+            assert!(
+                !["Example:", "Examples:"].iter().any(|word| text.contains(&format!("EXAMPLES\n{word}"))),
+                "{text}"
+            );
+            let help = help_of(name, about);
+            let told: Vec<&str> = help
+                .split_once("\nExample")
+                .map(|(_, examples)| examples.lines().skip(1).filter(|line| line.starts_with("  ")).collect())
+                .unwrap_or_default();
+            let unfilled: Vec<String> = text
+                .split("\n.nf\n")
+                .skip(1)
+                .flat_map(|behind| behind.split("\n.fi").next().unwrap().lines())
+                .map(unmarked)
+                .collect();
+            assert_eq!(told, unfilled, "{name} {about}");
+            for line in &told {
+                assert!(line.chars().count() <= WIDEST, "{name} {about}: {line}");
+            }
+            examples += told.len();
+        }
+        assert!(examples > 5, "{name}: {examples}");
+    }
+}

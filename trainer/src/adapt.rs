@@ -55,7 +55,7 @@ pub(crate) struct AdaptArgs {
     /// The rig may be driven by an experiment where diagnosis needs one [default: ask once on the terminal]
     #[arg(long)]
     allow_experiment: bool,
-    /// Longest run for a figure, in s of the rig; a shorter reference is run to its end
+    /// Longest run for a figure, in s of the rig, from 30 to 600; a shorter reference is run to its end
     #[arg(long = "run-seconds", alias = "fly-seconds", value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u32).range(30..=600))]
     fly_seconds: u32,
     /// The most of what was recorded that diagnosis reads, in s of the rig

@@ -45,7 +45,8 @@ const RIG: &str = "dual_pressure";
 /// A tick is 20 ms of the rig, 200 RK4 steps. Speeds are ticks per second of one core, medians over repeats.
 /// The predictions (MPObs) are what the daemon does in each tick: five ticks ahead.
 #[derive(Debug, Args)]
-#[command(after_help = "Example: trainer bench --json")]
+#[command(after_help = "Example:
+  trainer bench --json")]
 pub(crate) struct BenchArgs {
     /// Ticks of each repeat of the speeds
     #[arg(long, value_name = "N", default_value_t = 5000, value_parser = RangedU64ValueParser::<u32>::new().range(1..=1_000_000))]

@@ -25,7 +25,8 @@ const NO_FOLDER: &str =
 /// recordings do not decide, next_experiment.csv with the commands that would. Verdicts: adequate, parameters_moved,
 /// missing_physics, undecided, unknown_mechanism.
 #[derive(Debug, Args)]
-#[command(after_help = "Example: trainer diagnose --rig dual_pressure holds.mcap triangles.csv --out found")]
+#[command(after_help = "Example:
+  trainer diagnose --rig dual_pressure holds.mcap triangles.csv --out found")]
 pub(crate) struct DiagnoseArgs {
     /// Rig as it is known: a built-in name (dual_pressure, the paper's; bench, as built) or a TOML file
     #[arg(long, value_name = "RIG", default_value = "dual_pressure")]

@@ -34,7 +34,8 @@ use crate::stdout;
   trainer evaluate comparison --runs runs --out tables/comparison
   trainer evaluate ablation --runs runs --rig bench --out tables/ablation
   trainer evaluate loads --runs runs --out tables/loads
-  trainer evaluate join tables/comparison/table.json optimum/table.json --out tables/both")]
+  trainer evaluate join tables/comparison/table.json optimum/table.json \\
+    --out tables/both")]
 pub(crate) struct EvaluateArgs {
     #[command(subcommand)]
     what: What,
@@ -267,7 +268,9 @@ fn fill(
     for (knowledge, times) in [Knowledge::Model, Knowledge::Rig].into_iter().zip(&times) {
         if let Some((median, p999)) = times.median_and_p999_us() {
             let who = format!("offset-free NMPC{}", knowledge.label());
-            notes.push(format!("{who}: {median:.0} µs a tick in the median, {p999:.0} µs at most in 999 of 1000."));
+            notes.push(format!(
+                "{who}: {median:.0} µs a tick in the median, {p999:.0} µs or less in 999 of 1000 ticks."
+            ));
         }
     }
     let table = Table {

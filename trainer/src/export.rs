@@ -16,9 +16,9 @@ use crate::stdout;
 /// The file carries the names and units of its observation layout, where it comes from (rig and its hash, seed, steps, variant),
 /// and golden pairs of inputs and answers; before it is written, the graph is compared with the trainer's own network.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Example: trainer export runs/first --out policies/default.onnx --note commit=$(git rev-parse HEAD)"
-)]
+#[command(after_help = "Example:
+  trainer export runs/first --out policies/default.onnx \\
+    --note commit=$(git rev-parse HEAD)")]
 pub(crate) struct ExportArgs {
     /// Folder of a run, or its policy.bin
     policy: PathBuf,

@@ -27,9 +27,11 @@ use crate::train::MOST_THREADS;
 /// `controller explore on` meanwhile. Ctrl-C writes a checkpoint within two seconds; --resume goes on.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
-  trainer finetune --recordings recordings --from policies/default.onnx --publish policies --out runs/transfer
+  trainer finetune --recordings recordings --from policies/default.onnx \\
+    --publish policies --out runs/transfer
   trainer finetune --resume runs/transfer
-  trainer finetune --offline --recordings recordings --from policies/default.onnx --publish out --out runs/again")]
+  trainer finetune --offline --recordings recordings \\
+    --from policies/default.onnx --publish out --out runs/again")]
 pub(crate) struct FinetuneArgs {
     /// Folder that the daemon records into (record.directory)
     #[arg(long, value_name = "DIR", required_unless_present = "resume")]

@@ -23,8 +23,10 @@ use crate::train::{MOST_THREADS, settings_of};
 /// --resume goes on to the same result, to the byte.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
-  trainer improve --from policies/default.onnx --rig found/rig.toml --out runs/better
-  trainer improve --from runs/first --config correction --rounds 60 --out runs/better
+  trainer improve --from policies/default.onnx --rig found/rig.toml \\
+    --out runs/better
+  trainer improve --from runs/first --config correction --rounds 60 \\
+    --out runs/better
   trainer improve --resume runs/better --rounds 24")]
 pub(crate) struct ImproveArgs {
     /// Policy to start from: an ONNX file that trainer wrote, or the folder of a run (nothing: the fallback's own answers)

@@ -27,7 +27,8 @@ use crate::rig_log::{self, Log, Seen};
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   trainer rig --listen 127.0.0.1:50500
-  trainer rig --listen 127.0.0.1:0 --rig dual_pressure --pace lockstep --seconds 60 --json
+  trainer rig --listen 127.0.0.1:0 --rig dual_pressure --pace lockstep \\
+    --seconds 60 --json
   trainer rig --listen 0.0.0.0:50500 --faults faults.toml --seed 7")]
 pub(crate) struct RigArgs {
     /// Address to listen on; port 0 takes a free one

@@ -30,7 +30,8 @@ use crate::stdout;
 /// pressure column (such as next_experiment.csv) starts at rest. Lost rows are bridged where those around them are 0.1 s apart at
 /// most, or two and a half times their usual distance; a longer gap starts the run anew at the next row.
 #[derive(Debug, Args)]
-#[command(after_help = "Example: trainer simulate --rig dual_pressure --inputs run.csv --out simulated.csv")]
+#[command(after_help = "Example:
+  trainer simulate --rig dual_pressure --inputs run.csv --out simulated.csv")]
 pub(crate) struct SimulateArgs {
     #[command(flatten)]
     rig: RigChoice,

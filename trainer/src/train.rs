@@ -25,7 +25,8 @@ const MOST_SETTINGS_BYTES: u64 = 1 << 20;
   trainer train --out runs/first --steps 20000
   trainer train --config correction --seed 2 --out runs/correction-2
   trainer train --config paper --variant raw --rig bench --out runs/raw
-  trainer train --config correction --rig found/rig.toml --from policies/default.onnx --steps 20000 --out runs/adapted
+  trainer train --config correction --rig found/rig.toml \\
+    --from policies/default.onnx --steps 20000 --out runs/adapted
   trainer train --resume runs/first --steps 512000")]
 pub(crate) struct TrainArgs {
     /// Settings: a preset (paper, paper-drawn, correction, adaptation) or a TOML file; keys that are left out have the paper's values

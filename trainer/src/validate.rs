@@ -36,7 +36,8 @@ use crate::stdout;
 #[command(after_help = "Exit status: 0 compared; 1 compared, and the recording does not hold what the rig file says
 (another unit, swapped columns, a command turned round); 2 wrong use or input.
 
-Example: trainer validate --rig dual_pressure run1.mcap run2.csv --json")]
+Example:
+  trainer validate --rig dual_pressure run1.mcap run2.csv --json")]
 pub(crate) struct ValidateArgs {
     #[command(flatten)]
     rig: RigChoice,

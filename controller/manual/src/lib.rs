@@ -44,23 +44,60 @@ pub fn write(command: Command, folder: &Path) -> io::Result<()> {
 }
 
 /// A manual page with the program and its version in its last line (a subcommand has none of its own), and with what stands
-/// behind the options under a heading that says what it is.
+/// behind the options under a heading that says what it is, its examples line by line as they are typed.
 fn edited(page: &str, source: &str) -> String {
     let mut out = String::with_capacity(page.len());
     let mut lines = page.lines().peekable();
+    let mut extra = Extra::Before;
     while let Some(line) = lines.next() {
+        extra = extra.at(line, &mut out);
         let title = line.strip_prefix(".TH ").and_then(|title| title.split('"').next());
         if let Some(title) = title {
             out.push_str(&format!(".TH {title}\"{source}\""));
-        } else if line == ".SH EXTRA" {
+        } else if line == EXTRA {
             let examples = lines.peek().is_some_and(|next| next.starts_with("Example"));
             out.push_str(if examples { ".SH EXAMPLES" } else { ".SH NOTES" });
+            // The heading says it.
+            lines.next_if(|next| ["Example:", "Examples:"].contains(next));
         } else {
             out.push_str(line);
         }
         out.push('\n');
     }
+    extra.at("", &mut out);
     out
+}
+
+/// Heading that clap gives what stands behind the options.
+const EXTRA: &str = ".SH EXTRA";
+
+/// Place in a manual page: examples, which are indented, stand behind the options.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Extra {
+    Before,
+    Within,
+    /// At lines that are not filled.
+    Example,
+}
+
+impl Extra {
+    /// The place of a line, behind the request that it needs: an example is no paragraph to be filled and hyphenated.
+    fn at(self, line: &str, out: &mut String) -> Self {
+        let is_example = line.starts_with("  ");
+        match self {
+            Extra::Within if is_example => {
+                out.push_str(".nf\n");
+                Extra::Example
+            }
+            Extra::Example if !is_example => {
+                out.push_str(".fi\n");
+                if line.starts_with(".SH") { Extra::Before } else { Extra::Within }
+            }
+            Extra::Before if line == EXTRA => Extra::Within,
+            Extra::Within if line.starts_with(".SH") => Extra::Before,
+            place => place,
+        }
+    }
 }
 
 /// Columns of a line of help at most: wider paragraphs are hard to read.
@@ -135,7 +172,9 @@ mod tests {
     #[test]
     fn every_command_has_a_page_and_every_shell_its_file() {
         let folder = std::env::temp_dir().join(format!("manual-{}", std::process::id()));
-        let fill = Command::new("fill").about("Fills a chamber.").after_help("Example: pump fill --kpa 90");
+        let fill = Command::new("fill")
+            .about("Fills a chamber.")
+            .after_help("Example:\n  pump fill --kpa 90\n\nMore is in its guide.");
         let command =
             Command::new("pump").version("1.2").about("Pumps.").subcommand(fill.arg(Arg::new("kpa").long("kpa")));
         write(command, &folder).unwrap();
@@ -143,7 +182,7 @@ mod tests {
             ("man1/pump.1", "Pumps"),
             ("man1/pump-fill.1", "kpa"),
             ("man1/pump-fill.1", "\n.TH pump-fill 1  \"pump 1.2\"\n"),
-            ("man1/pump-fill.1", "\n.SH EXAMPLES\nExample: pump fill"),
+            ("man1/pump-fill.1", "\n.SH EXAMPLES\n.nf\n  pump fill \\-\\-kpa 90\n.fi\n\nMore is"),
             ("bash/pump", "fill"),
             ("zsh/_pump", "fill"),
             ("fish/pump.fish", "fill"),

@@ -41,7 +41,8 @@ use super::{Failure, experiment_within_run, is_configured_wrong};
 #[derive(Debug, Args)]
 #[command(after_help = "Example, and what comes next:
   controller experiment found/next_experiment.csv --config controller.toml
-  trainer diagnose --rig dual_pressure run1.mcap run2.mcap recordings/experiment-….mcap --out found2")]
+  trainer diagnose --rig dual_pressure run1.mcap run2.mcap \\
+    recordings/experiment-….mcap --out found2")]
 pub(crate) struct ExperimentArgs {
     /// Commands: CSV with time_s,u_pos,u_neg (duty 0 to 1) and, where the pump is switched, pump_on (0 or 1); a row
     /// every 20 ms, 120 s at most

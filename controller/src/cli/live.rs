@@ -23,7 +23,9 @@ use super::console::{say, tell};
 #[derive(Debug, Args)]
 #[command(after_help = "Example:
   controller live --config controller.toml
-  controller live --listen 0.0.0.0:8050 --config controller.toml   # readable by everyone who reaches this machine")]
+
+Example for everyone who reaches this machine:
+  controller live --listen 0.0.0.0:8050 --config controller.toml")]
 pub(crate) struct LiveArgs {
     /// Address at which viewers connect; loopback unless told otherwise, for it has neither passwords nor encryption
     #[arg(long, default_value = "127.0.0.1:8050", value_name = "ADDR")]

@@ -102,7 +102,7 @@ enum Command {
         #[command(flatten)]
         target: talk::Target,
     },
-    /// Adds bounded, seeded noise to the active policy's answers, as it was trained with, or no more.
+    /// Begins or ends exploring: bounded, seeded noise on the active policy's answers, as it was trained with.
     ///
     /// For learning on the rig: the recording holds what was added in each tick. Needs the rig under control by a policy with
     /// all of the command. Ends by itself with any fault, with disarming, and with another policy or model.

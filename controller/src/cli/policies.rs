@@ -27,7 +27,8 @@ fn line(entry: &Entry, width: usize) -> String {
     let figures = entry.figures.map_or(String::new(), |f| {
         format!("{:.3} / {:.3}       {:.2} / {:.2}", f.rmse_kpa[0], f.rmse_kpa[1], f.ratio[0], f.ratio[1])
     });
-    let mut text = format!("{:width$}  {state:9}  {:8.8}  {figures}", entry.name, entry.sha256);
+    let row = format!("{:width$}  {state:9}  {:8.8}  {figures}", entry.name, entry.sha256);
+    let mut text = row.trim_end().to_owned();
     if let Some(refusal) = &entry.refusal {
         text.push_str(&format!("\n{:width$}  why: {refusal}", ""));
     }

@@ -40,11 +40,13 @@ pub(crate) struct ReportArgs {
 
 /// A recording as a table.
 ///
-/// By default the rows that every other command reads: both pressures, duties, references, codes, 20 ms apart. With
+/// By default the rows that every other command reads: both pressures, duties, codes, 20 ms apart. References are among them
+/// where at least half of the ticks have one; ticks without one (standing by, vented) are then left out, and told. With
 /// --all a row for every tick, with everything that was recorded; a cell is empty where there was no number.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:
-  controller export recordings/run-20261120-020405.mcap --csv --all --out run.csv")]
+  controller export recordings/run-20261120-020405.mcap --csv --all \\
+    --out run.csv")]
 pub(crate) struct ExportArgs {
     /// Recording (MCAP)
     #[arg(value_name = "RECORDING")]
@@ -216,5 +218,28 @@ impl ExportArgs {
         proto::atomic_file::write(&out, text.as_bytes()).map_err(Failure::work)?;
         say(format_args!("{rows} rows in {}", out.display()));
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Half of them is enough, as the help says; a table of the others tells itself which columns it lacks.
+    #[test]
+    fn ticks_without_a_reference_are_left_out_where_most_have_one() {
+        let without = TickRecord { ref_pos_kpa: f64::NAN, ref_neg_kpa: f64::NAN, ..TickRecord::default() };
+        let with = TickRecord { ref_pos_kpa: 90.0, ref_neg_kpa: -70.0, ..TickRecord::default() };
+        for (ticks, rows, words) in [
+            (vec![with; 3], 3, None),
+            (vec![without; 3], 3, None),
+            (vec![without, with, with], 2, Some("1 ticks without a reference")),
+            (vec![without, with], 1, Some("1 ticks without a reference")),
+            (vec![without, without, with], 3, None),
+        ] {
+            let (kept, note) = with_references(&ticks);
+            assert_eq!((kept.len(), note.is_some()), (rows, words.is_some()), "{note:?}");
+            assert!(words.is_none_or(|words| note.as_ref().is_some_and(|note| note.contains(words))), "{note:?}");
+        }
     }
 }

@@ -22,7 +22,8 @@ use super::console::{say, tell};
 /// priority or locked memory are not granted.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:
-  sudo -u dual-pressure controller rt-test --config /etc/dual-pressure/controller.toml")]
+  sudo -u dual-pressure controller rt-test \\
+    --config /etc/dual-pressure/controller.toml")]
 pub(crate) struct RtTestArgs {
     /// Seconds it takes, half of them under load
     #[arg(long, default_value_t = 20.0, value_name = "S")]
@@ -137,12 +138,14 @@ fn wrapped(text: &str) -> String {
     let (mut out, mut width) = (String::new(), 0);
     for word in text.split_inclusive(' ') {
         if width + word.trim_end().chars().count() > 80 {
+            out.truncate(out.trim_end().len());
             out.push_str("\n          ");
             width = 10;
         }
         out.push_str(word);
         width += word.chars().count();
     }
+    out.truncate(out.trim_end().len());
     out.push('\n');
     out
 }

@@ -167,7 +167,7 @@ fn print_status(reply: &Reply) {
         say(format_args!("           the configuration names {name}, {origin}, which a restart takes"));
     }
     if let Some(reach) = &running.reach {
-        say(format_args!("reach      {reach}, by the model"));
+        say(format_args!("reach      by the model {}", reach.to_string().replacen(", ", ",\n           ", 1)));
     }
     if let Some(why) = &running.why_fallback {
         say(format_args!("fallback   {why}"));

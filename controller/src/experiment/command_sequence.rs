@@ -185,7 +185,11 @@ impl CommandSequence {
             .map(|[first, last]| format!("{}-{}", self.line(*first), self.line(*last)))
             .collect();
         let more = stretches.len().saturating_sub(NAMED);
-        let more = if more > 0 { format!(" and {more} stretches more") } else { String::new() };
+        let more = match more {
+            0 => String::new(),
+            1 => " and 1 stretch more".to_owned(),
+            more => format!(" and {more} stretches more"),
+        };
         (!named.is_empty()).then(|| format!("lines {}{more} ({off:.2} s)", named.join(", ")))
     }
 }
@@ -212,6 +216,12 @@ mod tests {
         assert_eq!(sequence.rows().len(), 50);
         assert_eq!(sequence.rows()[1], Row { duty: [0.123_456_789_012_3, 1.0], pump_on: false });
         assert_eq!(sequence.pump_off().unwrap(), "lines 3-3 (0.02 s)");
+        let switched = |times: usize| {
+            let row = |k: usize| format!("{:.2},0.8,0.75,{}\n", k as f64 * 0.02, u8::from(k.is_multiple_of(2) || k > 2 * times));
+            parse(&("time_s,u_pos,u_neg,pump_on\n".to_owned() + &(0..50).map(row).collect::<String>())).unwrap()
+        };
+        assert!(switched(NAMED + 1).pump_off().unwrap().contains(" and 1 stretch more ("));
+        assert!(switched(NAMED + 2).pump_off().unwrap().contains(" and 2 stretches more ("));
         let without = parse("u_neg,time_s,u_pos,p_pos_kpa\n\n0.5,7.00,0.25,90\n0.5,7.02,0.25,90\n").unwrap();
         assert_eq!(without.rows()[1], Row { duty: [0.25, 0.5], pump_on: true });
         assert_eq!((without.pump_off(), without.line(1)), (None, 4));

@@ -6,6 +6,7 @@
 //! connection. The connection belongs to it: who closes it before the answer withdraws the request.
 
 use std::io::{self, Read, Write};
+use std::os::unix::fs::MetadataExt;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -16,6 +17,7 @@ use socket2::{Domain, SockAddr, Socket, Type};
 use crate::model_change::PATIENCE;
 use crate::operator::desk::ExperimentView;
 use crate::operator::mailbox::Status;
+use crate::operator::peer::{group_name, user_name};
 use crate::operator::running::Running;
 use crate::state::State;
 
@@ -229,6 +231,16 @@ pub enum SocketError {
         /// Error of the system.
         source: io::Error,
     },
+    /// This user may not connect to the socket.
+    #[error("{}: you may not ask the controller there ({source}); {fix}", .path.display())]
+    Forbidden {
+        /// The socket.
+        path: PathBuf,
+        /// Error of the system.
+        source: io::Error,
+        /// Who may, and how to become one of them.
+        fix: String,
+    },
     /// It closed the connection without an answer.
     #[error("{}: the controller ended the connection without an answer: too many ask at once, or it is ending; look at `controller status`, then ask again", .path.display())]
     Crowded {
@@ -295,6 +307,9 @@ fn ask_once(path: &Path, ask: &Ask, until: Instant) -> Result<Reply, SocketError
     let silent = |source: io::Error| match source.kind() {
         // The daemon has given the place to somebody else.
         io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset => SocketError::Crowded { path: path.to_owned() },
+        io::ErrorKind::PermissionDenied => {
+            SocketError::Forbidden { path: path.to_owned(), source, fix: who_may_connect(path) }
+        }
         _ => SocketError::Silent { path: path.to_owned(), source },
     };
     let nonsense = || SocketError::Nonsense { path: path.to_owned() };
@@ -331,9 +346,56 @@ fn ask_once(path: &Path, ask: &Ask, until: Instant) -> Result<Reply, SocketError
     serde_json::from_slice(&answer).map_err(|_| nonsense())
 }
 
+/// Clause on who may connect to a socket, and how to become one of them. Where its folder shows nobody else what is in it, the
+/// folder's group is told, which is that of the daemon's user too.
+fn who_may_connect(path: &Path) -> String {
+    let around = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    // Whoever connects writes to the socket, and passes its folder.
+    let of_socket = std::fs::metadata(path).map(|place| (place, 0o020));
+    let Ok((place, of_group)) = of_socket.or_else(|_| std::fs::metadata(around).map(|place| (place, 0o010))) else {
+        return "ask whoever started it for the group of its socket".to_owned();
+    };
+    // Nobody becomes a member of the superuser's group for this.
+    if place.mode() & of_group != 0 && place.gid() != 0 {
+        let group = group_name(place.gid()).unwrap_or_else(|| place.gid().to_string());
+        format!("its group {group} may: `sudo adduser $USER {group}`, then log in anew")
+    } else {
+        let owner = user_name(place.uid()).unwrap_or_else(|| place.uid().to_string());
+        format!("its owner {owner} alone may: `sudo -u {owner} controller …`")
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use std::os::unix::fs::PermissionsExt;
+
     use super::*;
+
+    /// A socket, and a folder that shows nobody what is in it.
+    #[test]
+    fn who_may_not_connect_is_told_who_may() {
+        let folder = std::env::temp_dir().join(format!("operator-rights-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let socket = folder.join("s");
+        std::fs::write(&socket, "").unwrap();
+        let rights = |path: &Path, mode| std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).unwrap();
+        let place = std::fs::metadata(&socket).unwrap();
+        let user = user_name(place.uid()).unwrap_or_else(|| place.uid().to_string());
+        let group = group_name(place.gid()).unwrap_or_else(|| place.gid().to_string());
+        let alone = format!("owner {user} alone");
+        // Nobody is told to become a member of the superuser's group.
+        let join = if place.gid() == 0 { alone.clone() } else { format!("`sudo adduser $USER {group}`, then log in") };
+        for (mode, words) in [(0o660, &join), (0o640, &alone), (0o600, &alone)] {
+            rights(&socket, mode);
+            assert!(who_may_connect(&socket).contains(words), "{mode:o}: {}", who_may_connect(&socket));
+        }
+        std::fs::remove_file(&socket).unwrap();
+        for (mode, words) in [(0o750, &join), (0o740, &alone)] {
+            rights(&folder, mode);
+            assert!(who_may_connect(&socket).contains(words), "{mode:o}: {}", who_may_connect(&socket));
+        }
+        std::fs::remove_dir_all(folder).unwrap();
+    }
 
     #[test]
     fn requests_are_one_object_with_known_keys() {

@@ -7,7 +7,7 @@ use std::path::Path;
 use proto::regular_file;
 use rustix::net::sockopt::socket_peercred;
 
-/// The largest list of users that is looked through, in bytes.
+/// The largest list of users or groups that is looked through, in bytes.
 const MOST_BYTES: u64 = 4 << 20;
 
 /// The other end of a connection, as the kernel noted it when it connected; a client cannot make it up.
@@ -37,16 +37,23 @@ impl fmt::Display for Peer {
 }
 
 /// The user's name where it stands in the list of local users.
-fn user_name(uid: u32) -> Option<String> {
+pub(crate) fn user_name(uid: u32) -> Option<String> {
     let text = regular_file::read_text(Path::new("/etc/passwd"), MOST_BYTES).ok()?;
     name_of(&text, uid)
 }
 
-fn name_of(passwd: &str, uid: u32) -> Option<String> {
-    passwd.lines().find_map(|line| {
+/// The group's name where it stands in the list of local groups.
+pub(crate) fn group_name(gid: u32) -> Option<String> {
+    let text = regular_file::read_text(Path::new("/etc/group"), MOST_BYTES).ok()?;
+    name_of(&text, gid)
+}
+
+/// The name to a number, in lines of a name, a password and the number.
+fn name_of(list: &str, wanted: u32) -> Option<String> {
+    list.lines().find_map(|line| {
         let mut fields = line.split(':');
         let (name, number) = (fields.next()?, fields.nth(1)?);
-        (number.parse() == Ok(uid)).then(|| name.to_owned())
+        (number.parse() == Ok(wanted)).then(|| name.to_owned())
     })
 }
 

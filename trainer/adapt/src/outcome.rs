@@ -155,12 +155,15 @@ impl Outcome {
             text += &format!("the late figures decide: {judged_by}\n");
         }
         text += &format!(
-            "\n{}\nkept: {}; {} of the rig and {:.1} min of computing, {} experiments; worst pressures: {}; commands bent by the safety filter: {}\n",
+            "\n{}\nkept: {}; {} of the rig and {:.1} min of computing, {}; worst pressures: {}; commands bent by the safety filter: {}\n",
             self.headline,
             self.kept,
             self.rig_time(),
             self.computing_minutes,
-            self.experiments,
+            match self.experiments {
+                1 => "1 experiment".to_owned(),
+                number => format!("{number} experiments"),
+            },
             self.extremes(),
             self.interventions.map_or_else(|| "not known".to_owned(), |n| n.to_string()),
         );
@@ -296,6 +299,14 @@ mod tests {
         let known = Outcome { rig_minutes: Some(5.44), ..outcome(late) };
         assert!(known.text().contains("; 5.4 min of the rig and 0.0 min of computing"), "{}", known.text());
         assert!(outcome(late).text().contains("; an unknown time of the rig"), "{}", outcome(late).text());
+    }
+
+    #[test]
+    fn experiments_are_counted_in_words_that_fit() {
+        for (experiments, words) in [(0, ", 0 experiments;"), (1, ", 1 experiment;"), (2, ", 2 experiments;")] {
+            let text = Outcome { experiments, ..outcome([None, None]) }.text();
+            assert!(text.contains(words), "{text}");
+        }
     }
 
     /// A number that the recordings do not tell is not among what was learned.

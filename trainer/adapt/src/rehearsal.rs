@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 
 use environment::draws::{Purpose, stream};
 use environment::{DomainRandomization, EnvironmentSettings, MechanismDraw, RigDraw};
+use fit::wording::three_digits;
 use model::rig::Rig;
 use proto::parent_process::ends_with_this;
 use proto::{atomic_file, rig_file};
@@ -94,7 +95,7 @@ pub fn concealed(rig: &Rig) -> Vec<String> {
         let numbers: Vec<String> = numbers
             .iter()
             .enumerate()
-            .map(|(n, number)| format!("{:.3e} {}", m.mechanism.number(n), number.unit))
+            .map(|(n, number)| format!("{} {}", three_digits(m.mechanism.number(n)), number.unit).trim_end().to_owned())
             .collect();
         format!("{} at {}: {}", m.mechanism.id(), m.component, numbers.join(", "))
     };
@@ -271,7 +272,9 @@ mod tests {
             assert!(MECHANISMS.contains(&(rig.mechanisms.len() - nominal.mechanisms.len())), "{:?}", rig.mechanisms);
             assert!(rigs[..n].iter().all(|other| other != rig));
             model::predict::DualPressureRig::new(rig).unwrap();
-            assert_eq!(concealed(rig).len(), rig.mechanisms.iter().filter(|m| m.enabled).count());
+            let told = concealed(rig);
+            assert_eq!(told.len(), rig.mechanisms.iter().filter(|m| m.enabled).count());
+            assert!(!told.concat().contains("e0") && !told.concat().contains("e-"), "no computer's numbers: {told:?}");
         }
         assert_eq!(rigs[0], draw_rig(1).unwrap());
     }
