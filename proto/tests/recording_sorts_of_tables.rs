@@ -93,6 +93,14 @@ fn what_cannot_be_read_is_told_with_the_line_that_helps() {
     let said = read_with("", &text).unwrap_err();
     assert!(said.contains(key), "{said}");
     assert_eq!(read_with(key, &text).unwrap().rows(), ROWS);
+    // The seconds alone: their parts stand beside them.
+    let stamp = |k: usize| format!("{},{}", 1_774_749_585 + k / 50, 20_000_000 * (k % 50));
+    let stamped = lines(|k, row| format!("{},{}", stamp(k), row[1..].join(",")));
+    let text = format!("header.stamp.sec,header.stamp.nanosec,{}\n{stamped}", NAMES[1..].join(","));
+    let of_seconds = read_with("time = \"header.stamp.sec\"", &text).unwrap();
+    assert_eq!((of_seconds.rows(), of_seconds.segments().len()), (ROWS, 1));
+    let notes = of_seconds.notes().join(" ");
+    assert!(notes.contains("nanoseconds from header.stamp.nanosec"), "{notes}");
 
     let quoted = lines(|_, row| row.join(","));
     let text = format!("time_s,/'Data'/'u_pos',u_neg,p_pos_kpa,p_neg_kpa\n{quoted}");

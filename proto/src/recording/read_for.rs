@@ -126,9 +126,11 @@ fn columns_of(resampling: &Resampling<'_>, columns: &[(Column, Kind)]) -> Vec<Co
 
 /// The recording that a sheet is for a rig.
 fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Recording, RecordingError> {
-    let once = crate::recording::rows::doubled::once(sheet);
-    let sheet = once.as_ref().unwrap_or(sheet);
     let naming = naming(sheet, rig, map)?;
+    let filled = crate::recording::rows::unfilled::filled(sheet, map, naming);
+    let sheet = filled.as_ref().unwrap_or(sheet);
+    let once = crate::recording::rows::doubled::once(sheet, map, naming);
+    let sheet = once.as_ref().unwrap_or(sheet);
     long_format::check(sheet, rig, map)?;
     let clocks = second_clock::joined(sheet, (rig, map), naming)?;
     let sheet = clocks.as_ref().unwrap_or(sheet);

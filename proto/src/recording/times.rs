@@ -9,9 +9,10 @@ mod bursts;
 mod clock_set;
 mod counter_wrap;
 mod forward;
-pub(crate) mod milliseconds;
+mod in_digits;
 mod month_names;
 mod other_marks;
+pub(crate) mod second_parts;
 mod seconds;
 pub(crate) mod time_notes;
 pub(crate) mod timestamps;
@@ -24,11 +25,13 @@ use model::rig::{RecordingMap, Term};
 use self::bursts::{Bursts, bursts};
 use self::clock_set::{ClockSet, clock_set};
 use self::forward::forward;
+use self::in_digits::is_without_marks;
+use self::second_parts::Finer;
 use self::seconds::{EPOCH_S, Said, said, seconds, unit_behind};
 use self::unlikely_times::plausible;
 use crate::recording::columns::Naming;
 use crate::recording::csv::{CsvError, TIME_COLUMN, rows_alone, toml_text};
-use crate::recording::logger_file::sheet::{Sheet, field};
+use crate::recording::logger_file::sheet::{Cells, Sheet, field};
 use crate::recording::recording_error::RecordingError;
 
 /// Names that columns of times go by, in the order in which they are preferred, and the s per number that the name says.
@@ -121,10 +124,10 @@ pub(super) fn times(
             Found::Period(period_s) => every(sheet, period_s),
         },
     };
-    let times = match milliseconds::added(sheet, &times.columns, &times.time_s) {
-        Some((at, time_s)) if !times.columns.is_empty() => {
+    let times = match second_parts::added(sheet, &times.columns, &times.time_s) {
+        Some(Finer { at, time_s, of }) if !times.columns.is_empty() => {
             let title = sheet.columns.get(at).map_or("", |column| column.title.as_str());
-            let taken = times.taken.into_iter().chain([format!("milliseconds from {title}")]).collect();
+            let taken = times.taken.into_iter().chain([format!("{of} from {title}")]).collect();
             Times { time_s: from_zero(time_s), columns: times.columns.into_iter().chain([at]).collect(), taken }
         }
         _ => times,
@@ -232,7 +235,7 @@ fn place(sheet: &Sheet<'_>, map: &RecordingMap) -> Result<Found, RecordingError>
     let column = map.time.0.iter().map(|term| &term.from).find(|name| !matches!(sheet.find(name), Ok(Some(_))));
     let mend = if map.names_time() {
         "the rig file's [recording] time asks for it".to_owned()
-    } else if let Some((seconds, nanoseconds)) = seconds_and_nanoseconds(sheet) {
+    } else if let Some((seconds, nanoseconds)) = second_parts::seconds_and_nanoseconds(sheet) {
         format!(
             "the time stands in two columns: say so in the rig file, [recording] time = [{{ from = {} }}, {{ from = {}, scale = 1e-9 }}]",
             toml_text(seconds),
@@ -247,18 +250,6 @@ fn place(sheet: &Sheet<'_>, map: &RecordingMap) -> Result<Found, RecordingError>
         column: column.map_or(TIME_COLUMN, String::as_str).to_owned(),
         found: sheet.listed(),
         mend: sheet.mend_of_missing(mend),
-    })
-}
-
-/// Names of two columns that are the seconds and the nanoseconds of one stamp, as messages of ROS have it.
-fn seconds_and_nanoseconds<'s>(sheet: &'s Sheet<'_>) -> Option<(&'s str, &'s str)> {
-    let titles = || sheet.columns.iter().map(|column| column.title.as_str());
-    let nanoseconds = ["nanosec", "nanosecs", "nanoseconds", "nsec", "nsecs"];
-    titles().find_map(|fine| {
-        let stem = nanoseconds.iter().find_map(|end| fine.strip_suffix(end))?;
-        let is_coarse =
-            |title: &&str| title.strip_prefix(stem).is_some_and(|end| ["sec", "secs", "seconds", "s"].contains(&end));
-        Some((titles().find(is_coarse)?, fine))
     })
 }
 
@@ -286,10 +277,10 @@ fn guessed(sheet: &Sheet<'_>) -> Option<Vec<usize>> {
         });
         those.next().filter(|_| those.next().is_none())
     };
-    let dates: Vec<usize> = all().filter(|at| sheet.is_timestamped(*at)).collect();
+    let dates = dates(sheet);
     let named = NAMES.iter().find_map(|(name, _)| called(name)).or_else(|| with_its_unit(sheet));
     // Beside a date and time they are a part of it.
-    let named = named.filter(|at| dates.len() != 1 || !milliseconds::are_of_a_second(sheet, *at));
+    let named = named.filter(|at| dates.len() != 1 || !second_parts::are_of_a_second(sheet, *at));
     let named = named.or_else(|| NAMES_ELSEWHERE.iter().find_map(|name| called(name)));
     if let Some(at) = named.or_else(|| NAMES.iter().find_map(|(name, _)| is_field(name))) {
         return Some(vec![at]);
@@ -298,6 +289,23 @@ fn guessed(sheet: &Sheet<'_>) -> Option<Vec<usize>> {
         called_time_somehow(sheet).map(|at| vec![at])
     } else {
         Some(dates).filter(|dates| dates.len() == 1)
+    }
+}
+
+/// Columns of dates or times of day. Digits without marks may be the number of a run instead: they are a date where they change from
+/// the first row to the last, and no column with marks is one.
+fn dates(sheet: &Sheet<'_>) -> Vec<usize> {
+    let ends = |at: &usize| match sheet.columns.get(*at).map(|column| &column.cells) {
+        Some(Cells::Text(texts)) => Some((texts.first()?.as_ref(), texts.last()?.as_ref())),
+        _ => None,
+    };
+    let all = (0..sheet.columns.len()).filter(|at| sheet.is_timestamped(*at));
+    let (without_marks, marked): (Vec<usize>, Vec<usize>) =
+        all.partition(|at| ends(at).is_some_and(|(first, _)| is_without_marks(first)));
+    if marked.is_empty() {
+        without_marks.into_iter().filter(|at| ends(at).is_some_and(|(first, last)| first != last)).collect()
+    } else {
+        marked
     }
 }
 

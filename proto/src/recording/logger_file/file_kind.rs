@@ -112,13 +112,15 @@ const LOOKED_AT: usize = 4096;
 const BINARY: usize = 50;
 
 /// Tells bytes that are no text by one in fifty of their first characters, which is none that can be printed. Zeros at the end, which some
-/// loggers leave in a file of a fixed size, do not count.
+/// loggers leave in a file of a fixed size, do not count, and a block of them, which a disk that lost power leaves, counts once.
 fn is_binary(text: &str) -> bool {
     let start = text.trim_end_matches('\0').chars().take(LOOKED_AT);
-    let (mut all, mut odd) = (0, 0);
+    let (mut all, mut odd, mut before) = (0, 0, ' ');
     for letter in start {
         all += 1;
-        odd += usize::from(letter.is_ascii_control() && !letter.is_ascii_whitespace());
+        let goes_on = (before, letter) == ('\0', '\0');
+        odd += usize::from(letter.is_ascii_control() && !letter.is_ascii_whitespace() && !goes_on);
+        before = letter;
     }
     odd * BINARY > all
 }

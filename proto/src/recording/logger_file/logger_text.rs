@@ -18,7 +18,7 @@ use std::borrow::Cow;
 use model::rig::{Decimal, RecordingMap, Separator};
 
 use super::labview;
-use super::remarks::Remarks;
+use super::remarks::{Remarks, behind_the_data, counted, strip_zero, zero_bytes};
 use super::row_names;
 use super::second_header::{self, Repeated, SecondHeader};
 use super::sheet::{Cells, Sheet, SheetColumn, is_data, own_names};
@@ -53,7 +53,7 @@ pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
         return labview::sheet(file, text, map);
     }
     let grammar = Grammar { separator: manner.separator, comments: Comments::Marked };
-    let AllRows { rows, comment, later_comments, last } = rows(file, text, grammar)?;
+    let AllRows { rows, comment, later_comments, zeroed, last } = rows(file, text, grammar)?;
     let head = Head::of(file, &rows, &manner, map, comment)?;
     let mut sheet = Sheet {
         file: file.to_owned(),
@@ -62,7 +62,7 @@ pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
         lines: Vec::new(),
         decimal: manner.decimal,
         manner: manner.words(),
-        notes: Vec::new(),
+        notes: zero_bytes(file, &zeroed).into_iter().collect(),
     };
     if head.rows_above > 0 {
         sheet.manner.push(format!("{} before the header", counted(head.rows_above, "line")));
@@ -209,6 +209,8 @@ struct AllRows<'a> {
     comment: Option<(u64, &'a str)>,
     /// The last ones before later rows.
     later_comments: Vec<(u64, &'a str)>,
+    /// Lines with zero bytes together in them, which are no rows.
+    zeroed: Vec<u64>,
     last: LastRow,
 }
 
@@ -216,19 +218,25 @@ fn rows<'a>(file: &str, text: &'a str, grammar: Grammar) -> Result<AllRows<'a>, 
     let mut walk = Rows::with(text.as_bytes(), grammar);
     let (mut found, mut cells): (Vec<Row<'a>>, _) = (Vec::new(), Vec::new());
     let (mut comment, mut later_comments): (Option<(u64, &str)>, Vec<(u64, &str)>) = (None, Vec::new());
-    while let Some(row) = next(file, &mut walk, &mut cells)? {
+    let mut zeroed = Vec::new();
+    while let Some(mut row) = next(file, &mut walk, &mut cells)? {
         let before = walk.last_comment().map(|(line, text)| (line, std::str::from_utf8(text).unwrap_or_default()));
         if found.is_empty() {
             comment = before;
         } else if before != later_comments.last().copied().or(comment) {
             later_comments.extend(before);
         }
+        if row.1.iter().any(|cell| cell.contains("\0\0")) {
+            zeroed.push(row.0);
+            continue;
+        }
+        row.1.iter_mut().for_each(strip_zero);
         if !is_ruled(&row.1) {
             found.push(row);
         }
     }
     let last = if text.ends_with('\n') { LastRow::Whole } else { LastRow::MayBeCut };
-    Ok(AllRows { rows: found, comment, later_comments, last })
+    Ok(AllRows { rows: found, comment, later_comments, zeroed, last })
 }
 
 /// Tells whether a row is a line that somebody drew (`-----+-----` under a database's header): one cell, and no sign that says anything.
@@ -262,16 +270,6 @@ pub(crate) fn next<'a>(
 /// Cells of a row without the empty ones at its end.
 pub(crate) fn filled(row: &[Cow<'_, str>]) -> usize {
     row.iter().rposition(|cell| !cell.is_empty()).map_or(0, |at| at + 1)
-}
-
-/// `1 line`, `2 lines`.
-fn counted(number: usize, what: &str) -> String {
-    format!("{number} {what}{}", if number == 1 { "" } else { "s" })
-}
-
-/// Remark on lines of text below a table: notes, means of the columns.
-fn behind_the_data(file: &str, lines: usize, from: u64) -> String {
-    format!("{file}: {} of text behind the data, from line {from} on", counted(lines, "line"))
 }
 
 /// The error of a row of so many cells too few or too many, among these rows, with the key that would help.

@@ -85,7 +85,10 @@ impl NumericVectors {
                 [] => String::new(),
                 objects => format!(" (it holds objects: {})", objects.join(", ")),
             };
-            return Err(wording.broken(file, &format!("without a numeric vector{objects}")));
+            // Arrays that were left out are why there is none.
+            let left_out = self.notes.iter().map(|note| note.strip_prefix(&format!("{file}: ")).unwrap_or(note));
+            let left_out: String = left_out.map(|note| format!("; {note}")).collect();
+            return Err(wording.broken(file, &format!("without a numeric vector{objects}{left_out}")));
         };
         let mut notes = Vec::new();
         if !self.objects.is_empty() {

@@ -82,3 +82,33 @@ impl Remarks {
         behind.filter(|_| self.noted).map(AsRef::as_ref)
     }
 }
+
+/// `1 line`, `2 lines`.
+pub(crate) fn counted(number: usize, what: &str) -> String {
+    format!("{number} {what}{}", if number == 1 { "" } else { "s" })
+}
+
+/// Takes a zero byte off the end of a cell: programs in C write the one that ends a text with it.
+pub(super) fn strip_zero(cell: &mut Cow<'_, str>) {
+    match cell {
+        Cow::Borrowed(text) => *text = text.strip_suffix('\0').map_or(*text, str::trim_end),
+        Cow::Owned(text) => {
+            let kept = text.strip_suffix('\0').map_or(text.len(), |text| text.trim_end().len());
+            text.truncate(kept);
+        }
+    }
+}
+
+/// Remark on lines with zero bytes together in them, which stand where a card or a disk lost power while a file grew.
+pub(crate) fn zero_bytes(file: &str, lines: &[u64]) -> Option<String> {
+    let first = lines.first()?;
+    Some(format!(
+        "{file}: {} with zero bytes, as a disk that lost power leaves them, left out, the first line {first}",
+        counted(lines.len(), "line")
+    ))
+}
+
+/// Remark on lines of text below a table: notes, means of the columns.
+pub(crate) fn behind_the_data(file: &str, lines: usize, from: u64) -> String {
+    format!("{file}: {} of text behind the data, from line {from} on", counted(lines, "line"))
+}

@@ -22,7 +22,7 @@ use crate::recording::columns::{Naming, places};
 use crate::recording::csv::CsvError;
 use crate::recording::csv::numbers::{parse, says_nothing};
 use crate::recording::rows::resample::median_step;
-use crate::recording::times::{milliseconds, places_of_time, timestamps};
+use crate::recording::times::{places_of_time, second_parts, timestamps};
 
 /// Times that a clock has at least: of fewer nobody can say that they go on.
 const LEAST_TIMES: usize = 10;
@@ -130,7 +130,7 @@ fn said_in<'s>(sheet: &'s Sheet<'_>, at: usize) -> Option<Vec<(usize, &'s str)>>
 
 impl Clock {
     /// The clock of the rows and its columns, in the rows in which all of these say something: their sum, as the map scales several, or a
-    /// date and a time of day, with the milliseconds that stand beside it.
+    /// date and a time of day, with the parts of a second that stand beside it.
     fn first(sheet: &Sheet<'_>, map: &RecordingMap, mut places: Vec<usize>) -> Option<(Self, Vec<usize>)> {
         let said: Vec<Vec<(usize, &str)>> = places.iter().map(|at| said_in(sheet, *at)).collect::<Option<_>>()?;
         let (shortest, others) = said.split_first()?;
@@ -149,9 +149,9 @@ impl Clock {
             Some(sum)
         };
         let mut times = alone.moments(&places).or_else(of_terms)?;
-        if let Some((of_milliseconds, finer)) = milliseconds::added(&alone, &places, &times) {
-            times = finer;
-            places.push(of_milliseconds);
+        if let Some(finer) = second_parts::added(&alone, &places, &times) {
+            times = finer.time_s;
+            places.push(finer.at);
         }
         let length = rows.last().map_or(0, |last| last + 1);
         let clock = Clock::that_goes_on(*places.first()?, rows.into_iter().zip(times).collect(), length)?;

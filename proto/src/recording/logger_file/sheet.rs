@@ -57,7 +57,10 @@ impl<'a> SheetColumn<'a> {
     /// A column, its unit taken out of brackets behind its name.
     pub(crate) fn new(title: &str, cells: Cells<'a>) -> Self {
         // Brackets that are kept for a unit and empty say nothing.
-        let title = ["()", "[]"].into_iter().find_map(|empty| title.trim_end().strip_suffix(empty)).unwrap_or(title);
+        let title = ["()", "[]", "( )", "[ ]"]
+            .into_iter()
+            .find_map(|empty| title.trim_end().strip_suffix(empty))
+            .unwrap_or(title);
         let (name, unit) = match Unit::in_name(title.trim_end()) {
             Some((name, unit)) => (name, Some(unit.to_owned())),
             None => (title.trim_end(), None),

@@ -4,11 +4,31 @@ use std::borrow::Cow;
 
 use crate::recording::csv::CsvError;
 
-/// Decodes a text file: UTF-8 or UTF-16 with a byte-order mark, and Latin-1 otherwise.
+/// The byte-order mark as a letter, which shows nothing.
+const MARK: char = '\u{feff}';
+
+/// Decodes a text file: UTF-8 or UTF-16 with a byte-order mark, and Latin-1 otherwise; without the zeros at the end of a file of a fixed
+/// size.
 ///
 /// # Errors
 /// The bytes are no text.
 pub(crate) fn decode<'a>(file: &str, bytes: &'a [u8]) -> Result<Cow<'a, str>, CsvError> {
+    let text = match letters(file, bytes)? {
+        Cow::Borrowed(text) => Cow::Borrowed(text.trim_end_matches('\0')),
+        Cow::Owned(mut text) => {
+            text.truncate(text.trim_end_matches('\0').len());
+            Cow::Owned(text)
+        }
+    };
+    // Lines that end with CR alone, as some instruments write them.
+    let is_of_cr = !text.contains('\n') && text.contains('\r');
+    let text = if is_of_cr { Cow::Owned(text.replace('\r', "\n")) } else { text };
+    // A second byte-order mark, or that of a file which was joined to this one.
+    Ok(if text.contains(MARK) { Cow::Owned(text.replace(MARK, "")) } else { text })
+}
+
+/// The letters of a text file without the mark at its beginning, its lines as they end.
+fn letters<'a>(file: &str, bytes: &'a [u8]) -> Result<Cow<'a, str>, CsvError> {
     let wide = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
         let units: Vec<u16> = bytes.as_chunks::<2>().0.iter().map(|pair| unit(*pair)).collect();
         String::from_utf16_lossy(&units)
@@ -26,8 +46,6 @@ pub(crate) fn decode<'a>(file: &str, bytes: &'a [u8]) -> Result<Cow<'a, str>, Cs
         None => {}
     }
     match std::str::from_utf8(bytes) {
-        // Lines that end with CR alone, as some instruments write them.
-        Ok(text) if !text.contains('\n') && text.contains('\r') => Ok(Cow::Owned(text.replace('\r', "\n"))),
         Ok(text) => Ok(Cow::Borrowed(text)),
         Err(error) => {
             let before = bytes.get(..error.valid_up_to()).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Samples of any rate to rows of 20 ms: lost rows bridged, repeated and doubled ones taken out, sensors of several rates.
+//! Samples of any rate to rows of 20 ms: lost rows bridged, repeated, doubled and unfilled ones taken out, sensors of several rates.
 
 pub(crate) mod asynchronous;
 pub(crate) mod doubled;
@@ -9,3 +9,4 @@ pub(crate) mod repeated;
 pub(crate) mod resample;
 pub(crate) mod slower;
 pub(crate) mod uneven;
+pub(crate) mod unfilled;

@@ -2,12 +2,13 @@
 //!
 //! Read are `2026-03-29 01:59:00.020`, with `T` or a blank, `/` or `.` between the parts of a date in the orders year-month-day,
 //! day-month-year and month-day-year, a fraction behind a point or a comma, `AM`/`PM`, a zone (`Z`, `+02:00`, `-0700`, `UTC`, `CEST`);
-//! the same in digits alone (`20260329T015900.020Z`); a date alone; a time of day alone (`01:59:00,020`), or of the hour, with a
+//! the same in digits alone (`20260329T015900.020Z`, `20260329015900020`); a date alone; a time of day alone (`01:59:00,020`), or of the hour, with a
 //! fraction (`59:00.0`, as spreadsheets show it); days and a time (`0 days 00:00:00.020`); months by name in the languages that loggers
 //! are sold in ([`super::month_names`]). Only differences count, so that a zone matters where it changes within a file; without one, the
 //! hour that summer time takes or gives (half an hour on Lord Howe Island) is noticed between rows and taken back. Between moments that
 //! lie apart, such as the beginnings of runs, an hour is an hour.
 
+use super::in_digits::in_digits;
 use super::month_names::{in_numbers, month_of};
 use super::other_marks::with_usual_marks;
 
@@ -15,6 +16,12 @@ use super::other_marks::with_usual_marks;
 const DAY_S: f64 = 86_400.0;
 /// Longest step over midnight, in s, at which a date that stands still is no second run of the day before.
 const STILL_DATE_S: f64 = 60.0;
+/// Hours of a clock without a word for the half of the day, behind which it begins anew (s).
+const HALF_DAY_S: f64 = 43_200.0;
+/// Times of day at which such a clock shows its last hour, from 12:00:00 to 12:59:59 (s).
+const ITS_LAST_HOUR_S: [f64; 2] = [43_200.0, 46_800.0];
+/// Times of day at which it shows the first minute of its next round, which begins at one o'clock (s).
+const ITS_FIRST_MINUTE_S: [f64; 2] = [3600.0, 3660.0];
 /// Seconds that clocks are set by for summer time.
 const SUMMER_TIME_S: f64 = 3600.0;
 /// Change on Lord Howe Island (s). A logger may well pause for half an hour, so this one counts only where the rows go on at their
@@ -133,13 +140,17 @@ enum Written {
     Dated,
 }
 
-/// Takes midnight out of times of day, and the change to and from summer time out of times without a zone.
+/// Takes midnight out of times of day, one o'clock out of those of twelve hours, and the change to and from summer time out of times
+/// without a zone.
 fn unwrap(times: &mut [f64], written: Written, hours: WholeHours) {
     let may_be_set = hours == WholeHours::OfSummerTime;
     let (mut shift_s, mut longest_s) = (0.0, 0.0_f64);
     let mut previous: Option<f64> = None;
     for time in times {
         let mut step_s = previous.map_or(0.0, |previous| *time - previous);
+        let is_within = |time: f64, [from_s, to_s]: [f64; 2]| (from_s..to_s).contains(&time.rem_euclid(DAY_S));
+        let may_begin_anew = previous.is_some_and(|previous| is_within(previous, ITS_LAST_HOUR_S))
+            && is_within(*time, ITS_FIRST_MINUTE_S);
         previous = Some(*time);
         // Beside a time of day a date may stand still: the day on which a file was begun.
         let is_midnight = match written {
@@ -149,6 +160,11 @@ fn unwrap(times: &mut [f64], written: Written, hours: WholeHours) {
         if is_midnight {
             shift_s += DAY_S;
             step_s += DAY_S;
+        }
+        // 12:59:59 and 1:00:00 without AM or PM.
+        if may_be_set && may_begin_anew && (0.0..STILL_DATE_S).contains(&(step_s + HALF_DAY_S)) {
+            shift_s += HALF_DAY_S;
+            step_s += HALF_DAY_S;
         }
         // Within a second of a whole hour: no logger pauses so.
         if may_be_set && (step_s.abs() - SUMMER_TIME_S).abs() < 1.0 {
@@ -172,27 +188,6 @@ fn goes_on(step_s: f64, longest_s: f64) -> bool {
 /// another.
 fn spread(text: &str) -> Option<String> {
     in_digits(text).or_else(|| in_numbers(text)).or_else(|| with_usual_marks(text))
-}
-
-/// `20260329T015900.020Z`, the basic format of ISO 8601, with its marks; `None` of any other text.
-fn in_digits(text: &str) -> Option<String> {
-    let text = text.trim();
-    let digits = |text: &str, count: usize| {
-        let (head, rest) = text.split_at_checked(count)?;
-        head.bytes().all(|byte| byte.is_ascii_digit()).then(|| (head.to_owned(), rest.to_owned()))
-    };
-    let (date, rest) = digits(text, 8)?;
-    let (clock, rest) = digits(rest.strip_prefix(['T', 't', ' ', '_', '-'])?, 6)?;
-    let zone = rest.find(['Z', 'z', '+', '-', ' ']).unwrap_or(rest.len());
-    let (fraction, zone) = rest.split_at(zone);
-    let fraction_digits = if fraction.is_empty() { "0" } else { fraction.strip_prefix(['.', ','])? };
-    if !fraction_digits.bytes().all(|byte| byte.is_ascii_digit()) {
-        return None;
-    }
-    let part = |text: &str, from: usize, to: usize| text.get(from..to).unwrap_or_default().to_owned();
-    let [year, month, day] = [part(&date, 0, 4), part(&date, 4, 6), part(&date, 6, 8)];
-    let [hours, minutes, seconds] = [part(&clock, 0, 2), part(&clock, 2, 4), part(&clock, 4, 6)];
-    Some(format!("{year}-{month}-{day} {hours}:{minutes}:{seconds}{fraction}{zone}"))
 }
 
 /// A timestamp in its parts.
@@ -385,7 +380,9 @@ mod tests {
         assert!((one("2026-03-29 01:59:00.020") - AT - 0.02).abs() < 1e-6, "a double of 2e9 s has steps of 2e-7 s");
         assert_eq!(one("2000-02-29"), 951_782_400.0);
         assert_eq!(one("1:02:03.5 PM"), 13.0 * 3600.0 + 123.5);
-        for text in ["", "run 3", "12", "0.02", "2026-13-29", "25:61", "a:b:c", "kPa"] {
+        for text in
+            ["", "run 3", "12", "0.02", "2026-13-29", "25:61", "a:b:c", "kPa", "1774749540020000000", "20261329015900"]
+        {
             assert!(!is_timestamp(text), "{text}");
         }
     }
@@ -404,6 +401,14 @@ mod tests {
         near(steps(&["2026-03-29T01:59:59.980+01:00", "2026-03-29T03:00:00.000+02:00"]));
         near(steps(&["20260329T015959.980Z", "20260329T020000.000Z", "20260329T020000.020Z"]));
         near(steps(&["20260329 015959,980", "20260329 020000,000"]));
+        near(steps(&["20260329015959980", "20260329020000000", "20260329020000020"]));
+        near(steps(&["20260329015959.98", "20260329020000.00"]));
+        near(steps(&["12:59:59.980", "01:00:00.000", "01:00:00.020"]));
+        near(steps(&["12:59:59.980 PM", "01:00:00.000 PM"]));
+        // Twelve hours back at another minute than the first past one o'clock are no clock of twelve hours.
+        assert_eq!(steps(&["12:10:00", "00:10:20"]), [-43_180.0]);
+        assert_eq!(steps(&["12:59:50", "00:59:59"]), [-43_191.0]);
+        near(steps(&["03/29/2026 12:59:59.980", "03/29/2026 1:00:00.000"]));
         near(steps(&["59:59.98", "00:00.00", "00:00.02"]));
         near(steps(&["0 days 23:59:59.98", "1 days 00:00:00.00", "1 days 00:00:00.02"]));
         near(steps(&["2026-03-29 01:59:59.980 CET", "2026-03-29 03:00:00.000 CEST"]));
