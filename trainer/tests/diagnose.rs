@@ -6,7 +6,8 @@
 
 mod program;
 
-use program::{Csv, Folder, refused, sound};
+use program::paper_run::Dice;
+use program::{Csv, Folder, json, refused, sound};
 
 /// A recording that the paper's model made, with noise of 0.06 kPa (uniform, from a fixed sequence) on its readings.
 fn recorded(folder: &Folder, name: &str, mut seed: u64) -> String {
@@ -86,4 +87,29 @@ fn bad_input_is_refused_in_a_line() {
     assert!(said.len() > 30, "{said}");
     // Nothing is left behind by what was refused.
     assert!(!std::path::Path::new(&out).exists());
+}
+
+/// A pressure-decay test of a chamber that does not leak: that it holds is the answer, and no recording without steps.
+#[test]
+fn a_chamber_that_holds_its_pressure_lacks_nothing() {
+    let folder = Folder::new("holds");
+    let rig = folder.with(
+        "chamber.toml",
+        "format = 1\nname = \"chamber\"\n[gas]\ngas_constant_j_per_kg_k = 287.0\nheat_capacity_ratio = 1.4\n\
+         [atmosphere]\npressure_kpa_abs = 101.325\ntemperature_k = 293.15\n\
+         [volumes.chamber]\nvolume_l = 0.5\ntemperature_k = 293.15\n\
+         [sensors.gauge]\nvolume = \"chamber\"\ncolumn = \"p_kpa\"\nrange_kpa_gauge = [0.0, 400.0]\nrange_v = [0.0, 5.0]\n",
+    );
+    let file = |name: &str, level_kpa: f64| {
+        let mut dice = Dice(5);
+        let line = |k: usize| format!("{:.2},{:.4}\n", 0.02 * k as f64, level_kpa + 0.2 * (dice.throw() - 0.5));
+        folder.with(name, format!("time_s,p_kpa\n{}", (0..2000).map(line).collect::<String>()))
+    };
+    let (held, out) = (file("held.csv", 200.0), folder.path("found"));
+    let said = json(&["diagnose", "--quick", "--json", "--rig", &rig, &held, "--out", &out]);
+    assert_eq!(said["verdict"], "adequate", "{said:#}");
+    assert!(said["notes"].to_string().contains("stands at 200."), "{said:#}");
+    // At the open air there is nothing to hold.
+    let said = refused(["diagnose", "--quick", "--rig", &rig, &file("open.csv", 0.0), "--out", &out]);
+    assert!(said.contains("no pressure moves"), "{said}");
 }

@@ -6,8 +6,7 @@
 
 mod program;
 
-use program::{Csv, Folder, refused, run, sound};
-use serde_json::Value;
+use program::{Csv, Folder, json, refused, run, sound};
 
 const NAMES: [&str; 4] = ["u_pos", "u_neg", "p_pos_kpa", "p_neg_kpa"];
 
@@ -56,8 +55,7 @@ fn a_sound_rig_that_starts_with_the_recording_lacks_nothing() {
     let folder = Folder::new("starts");
     let files = [1, 2].map(|seed| written(&folder, &format!("run{seed}.csv"), &from_rest(&folder, seed, 2000)));
     let out = folder.path("found");
-    let said: Value =
-        serde_json::from_str(&sound(["diagnose", "--quick", "--json", &files[0], &files[1], "--out", &out])).unwrap();
+    let said = json(&["diagnose", "--quick", "--json", &files[0], &files[1], "--out", &out]);
     assert_eq!((&said["verdict"], said["rivals"].as_array().map(Vec::len)), (&"adequate".into(), Some(0)), "{said:#}");
     assert!(said["notes"].to_string().contains("no motor starts at once"), "{said:#}");
 }

@@ -112,6 +112,11 @@ fn absolute_pressures_and_scaled_commands_are_refused_on_any_rig() {
     let file = folder.with("inverted.csv", csv("t,duty,kPa", &rows, |[t, u, p]| [*t, 1.0 - u, *p]));
     let said = refused(["identify", "--rig", &rig, &file, "--out", &folder.path("fitted.toml")]);
     assert!(said.contains("u_pump") && said.contains("driving the pump") && said.contains("inverted"), "{said}");
+    // Where the sensor's range is so narrow that the box counts as empty between two drives, that is no pump that stands.
+    let narrow = folder.with("narrow.toml", BOX.replace("[-5.0, 20.0]", "[-1.0, 3.0]"));
+    sound(["validate", "--rig", &narrow, &sound_file]);
+    let said = refused(["identify", "--rig", &narrow, &file, "--out", &folder.path("fitted.toml")]);
+    assert!(said.contains("inverted") && !said.contains("was the pump off"), "{said}");
 }
 
 /// The paper's rig as a logger without scales writes it, through a converter of 12 bits over 5 V and one of 16 over 10 V.

@@ -232,6 +232,45 @@ fn a_pump_that_stands_unseen_is_told() {
     assert!(!quality(&g.rig, &[said]).has(Trouble::PumpStood));
 }
 
+/// A logger that lost the commands for the second half, and one that lost them for some seconds, in which a chamber only settles.
+#[test]
+fn commands_that_are_not_recorded_for_a_while_are_told() {
+    let g = good();
+    let stands = |from: usize, to: usize| {
+        let mut duty = g.duty.clone();
+        duty.iter_mut().for_each(|u| {
+            let last = u[from];
+            u[from..to].fill(last);
+        });
+        quality(&g.rig, &[recording("still.csv", &duty, &g.pressures)])
+    };
+    let words = ["still.csv", "no command moves, from 18.4 to 40.0 s", "Leave these rows out"];
+    assert_finds(&stands(900, ROWS), Trouble::NothingMoves, Severity::Unusable, &words);
+    assert!(!stands(900, 1200).has(Trouble::NothingMoves));
+}
+
+/// A supply that cycles for a lesser part of a recording while the commands stand is for a comparison to find; two such parts may be the
+/// larger one together.
+#[test]
+fn what_moves_unseen_for_a_lesser_part_leaves_a_recording_usable() {
+    let g = good();
+    let stands = |parts: &[std::ops::Range<usize>]| {
+        let mut duty = g.duty.clone();
+        for u in &mut duty {
+            for part in parts {
+                let last = u[part.start];
+                u[part.clone()].fill(last);
+            }
+        }
+        quality(&g.rig, &[recording("cycles.csv", &duty, &g.pressures)])
+    };
+    let once = stands(&[900..1700]);
+    let words = ["cycles.csv", "no command moves, from 18.4", "Leave these rows out"];
+    assert_finds(&once, Trouble::NothingMoves, Severity::Doubtful, &words);
+    assert_eq!(once.findings.iter().filter(|f| f.trouble == Trouble::NothingMoves).count(), 1);
+    assert_finds(&stands(&[100..800, 1100..1900]), Trouble::NothingMoves, Severity::Unusable, &["cycles.csv"]);
+}
+
 #[test]
 fn gaps_and_uneven_time() {
     let g = good();
@@ -320,6 +359,45 @@ fn nothing_happens() {
     let found = quality(&rig, &[recording("still.csv", &still, &noisy(&level, 5))]);
     assert_finds(&found, Trouble::NoExcitation, Severity::Unusable, &["u_pos, u_neg: no command moves"]);
     assert!(found.findings.iter().any(|f| f.column == "u_pos" && f.trouble == Trouble::NoExcitation));
+}
+
+/// A chamber by itself, in one file open to the air and in another under pressure that it holds, in either order; and a quiet gauge that
+/// is off by a little at the open air, which holds nothing.
+#[test]
+fn what_a_chamber_holds_is_told_by_all_files_and_beyond_a_sensors_drift() {
+    let rig = Rig::from_toml(
+        "format = 1\nname = \"chamber\"\n[gas]\ngas_constant_j_per_kg_k = 287.0\nheat_capacity_ratio = 1.4\n\
+         [atmosphere]\npressure_kpa_abs = 101.325\ntemperature_k = 293.15\n\
+         [volumes.chamber]\nvolume_l = 0.5\ntemperature_k = 293.15\n\
+         [sensors.gauge]\nvolume = \"chamber\"\ncolumn = \"p_kpa\"\nrange_kpa_gauge = [0.0, 400.0]\nrange_v = [0.0, 5.0]\n",
+    )
+    .unwrap();
+    let file = |source: &str, level_kpa: f64, sigma_kpa: f64| {
+        let mut random = Pcg64Mcg::seed_from_u64(7);
+        // Uniform, of this standard deviation.
+        let mut off = || 12.0_f64.sqrt() * sigma_kpa * (random.random::<f64>() - 0.5);
+        let p = (0..ROWS).map(|_| level_kpa + off()).collect();
+        let column = Column { name: "p_kpa".to_owned(), data: ColumnData::Numbers(p) };
+        Recording::new(source, (0..ROWS).map(|k| k as f64 * 0.02).collect(), vec![column]).unwrap()
+    };
+    let (open, held) = (file("open.csv", 0.0, 0.06), file("held.csv", 200.0, 0.06));
+    for files in [[open.clone(), held.clone()], [held, open]] {
+        assert_finds(&quality(&rig, &files), Trouble::NoExcitation, Severity::Doubtful, &["stands at 200.0 kPa"]);
+        assert_eq!(quality(&rig, &files).refusal(), None);
+    }
+    let quiet = quality(&rig, &[file("quiet.csv", 0.3, 0.005)]);
+    assert_finds(&quiet, Trouble::NoExcitation, Severity::Unusable, &["no pressure moves"]);
+}
+
+/// A chamber that reads half of what is expected for a while, as one does whose relief valve is open, stands where absolute inches of
+/// mercury would put it there, and nowhere else.
+#[test]
+fn what_one_place_alone_suits_is_no_other_unit() {
+    let g = good();
+    let relieved: Vec<f64> =
+        g.pressures[0].iter().enumerate().map(|(row, p)| if row < 900 { 0.58 * p } else { *p }).collect();
+    let found = quality(&g.rig, &[recording("relieved.csv", &g.duty, &[relieved, g.pressures[1].clone()])]).findings;
+    assert!(!found.iter().any(|f| matches!(f.trouble, Trouble::WrongUnit | Trouble::Absolute)), "{found:?}");
 }
 
 /// A shut chamber that a leak empties stands where no rig file says; here at half an atmosphere in absolute inches of mercury.

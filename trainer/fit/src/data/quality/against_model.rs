@@ -16,10 +16,11 @@ use model::rig::Rig;
 
 use super::counts::{Counts, converters, is_counted, largest, samples};
 use super::duties::duties;
+use super::expected::extremes;
 use super::meaning::{AS_WRITTEN, Meaning, RIGHT, Standing, or_rival};
 use super::mend::exchanged_keys;
-use super::mistaken;
 use super::{Finding, Severity, Trouble, median};
+use super::{mistaken, sign_trials};
 use crate::FitError;
 use crate::data::Records;
 use crate::simulate::{Arc, Arcs, Fidelity, Simulator};
@@ -80,7 +81,9 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
         let source = records.records().get(arc.record).map_or_else(String::new, |r| r.source.clone());
         let simulated = extremes(records, arc, &trace);
         let of = |medians: &Vec<Medians>, channel| standing(rig, records, arc.record, medians, &simulated, channel);
-        let whole: Vec<Standing<'_>> = (0..channels).filter_map(|c| of(windows.first()?, c)).collect();
+        let all = |c: usize| windows.iter().filter_map(|of| of.get(c)).map(|m| [m.recorded, m.simulated]).collect();
+        let first = |channel| Some(Standing { ends: all(channel), ..of(windows.first()?, channel)? });
+        let whole: Vec<Standing<'_>> = (0..channels).filter_map(first).collect();
         let tells = |s: &Standing<'_>| s.simulated.abs() > TELLING_KPA * s.scale;
         let telling = (0..channels).filter_map(|channel| {
             let all: Vec<Standing<'_>> = windows.iter().filter_map(|medians| of(medians, channel)).collect();
@@ -101,7 +104,7 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
     // pressure's sign, but one that is inverted or exchanged moves what is expected of it, so the rest comes last.
     let before = findings.len();
     let counted = |r: &Recorded<'_>| r.telling.iter().all(|s| r.counted.contains(&s.channel));
-    let checks: [Check<'_>; 7] = [
+    let checks: [Check<'_>; 8] = [
         &|found| standings.iter().for_each(|r| found.extend(compare.together(r))),
         &|found| standings.iter().filter(|r| counted(r)).for_each(|r| found.extend(compare.counts(r))),
         &|found| standings.iter().for_each(|r| found.extend(compare.alone(r, |s| s.recorded * s.simulated < 0.0))),
@@ -111,11 +114,15 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
         &|found| {
             absolutes.iter().for_each(|(r, recorded, simulated)| found.extend(compare.absolute(r, recorded, simulated)))
         },
+        &|found| sign_trials::check(rig, records, found),
     ];
     for check in checks {
         if findings.len() == before {
             check(findings);
         }
+    }
+    if findings.iter().skip(before).any(|f| f.trouble == Trouble::WrongUnit) {
+        mistaken::instead(rig, records, Trouble::WrongUnit, findings);
     }
     Ok(standings.iter().flat_map(|recorded| compare.agreed(recorded)).collect())
 }
@@ -365,7 +372,9 @@ impl Compare<'_> {
         let closest = |s: &Standing<'_>| {
             let absolute = Meaning::wrong().filter(|meaning| matches!(meaning, Meaning::Absolute(..)));
             absolute
-                .filter(|meaning| near(s, *meaning))
+                .filter(|meaning| {
+                    near(s, *meaning) && meaning.is_nearer_everywhere(s, self.atmosphere_kpa, OFF_BY_AIR[1])
+                })
                 .map(|meaning| (meaning.misfit(s, self.atmosphere_kpa, OFF_BY_AIR), meaning))
                 .min_by(|a, b| a.0.total_cmp(&b.0))
                 .map(|(_, meaning)| meaning)
@@ -379,7 +388,9 @@ impl Compare<'_> {
 
     /// Channels by themselves, as a person does it sensor by sensor.
     fn alone(&self, recorded: &Recorded<'_>, of: impl Fn(&Standing<'_>) -> bool) -> Vec<Finding> {
-        let closest = |s: &Standing<'_>| self.meaning(&[s], NEARER).filter(|(misfit, _)| *misfit < 1.0);
+        // With no other channel to agree with it, a unit must suit wherever the channel stood.
+        let suits = |s: &Standing<'_>, meaning: Meaning| meaning.misfit_anywhere(s, self.atmosphere_kpa, NEARER) < 1.0;
+        let closest = |s: &Standing<'_>| self.meaning(&[s], NEARER).filter(|(_, meaning)| suits(s, *meaning));
         let those = recorded.telling.iter().filter(|s| of(s));
         let told = |standing: &Standing<'_>| {
             let found = self.wrong_or(recorded, standing, (&[standing], NEARER), closest(standing)?.1);
@@ -387,14 +398,4 @@ impl Compare<'_> {
         };
         those.filter_map(told).collect()
     }
-}
-
-/// Least and most of a vector's readings by channel over the rows of an arc.
-fn extremes(records: &Records, arc: &Arc, vector: &[f64]) -> Vec<[f64; 2]> {
-    let of = |channel: usize| {
-        let part = records.layout().stretch(arc.record, channel, arc.rows.clone());
-        let finite = vector.get(part).unwrap_or_default().iter().copied().filter(|value| value.is_finite());
-        finite.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
-    };
-    (0..records.layout().channels()).map(of).collect()
 }

@@ -3,15 +3,19 @@
 use model::rig::{Pump, Rig};
 
 use super::mend::{multiplied_key, share_key};
-use super::{Finding, Severity, Trouble};
+use super::readings::range_of;
+use super::unmoved::drift_kpa;
+use super::{Finding, Severity, Trouble, median};
 use crate::data::record::is_on;
-use crate::data::{Noise, Records};
+use crate::data::{Noise, Record, Records};
 
 /// A duty that varies by less than this (standard deviation) does not excite its valve: half a per cent of duty
 /// moves a chamber by about 1 kPa.
 const LEAST_DUTY: f64 = 0.005;
 /// Pressures that vary by less than this many noise deviations say nothing.
 const LEAST_NOISES: f64 = 5.0;
+/// A pressure this many noise deviations off the open air, and further than a sensor drifts, is one that a chamber holds.
+const HELD_NOISES: f64 = 50.0;
 /// A duty that never exceeds this was written in another scale.
 const SMALLEST_SCALE: f64 = 0.02;
 
@@ -87,7 +91,8 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mu
                 .to_owned(),
         ));
     }
-    let mut still = 0;
+    let is_left_to_itself = records.inputs().is_empty() && rig.pumps.is_empty() && rig.sources.is_empty();
+    let (mut still, mut holds) = (0, false);
     for (channel, column) in records.sensors().iter().enumerate() {
         let sigma = noise.get(channel).map_or(0.0, |n| n.sigma_kpa);
         let spread = (0..records.records().len())
@@ -95,15 +100,21 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mu
             .fold(0.0, f64::max);
         if spread < LEAST_NOISES * sigma {
             still += 1;
-            findings.push(everywhere(
-                Severity::Doubtful,
-                Trouble::NoExcitation,
-                column,
-                format!("varies by {spread:.2} kPa, hardly more than its noise; record a wider range"),
-            ));
+            let level = furthest_level(records, channel);
+            let is_off_the_air = level.abs() > (HELD_NOISES * sigma).max(drift_kpa(range_of(rig, column)));
+            holds |= is_left_to_itself && is_off_the_air;
+            let text = if is_left_to_itself && is_off_the_air {
+                format!(
+                    "stands at {level:.1} kPa within its noise: what leaks out there shows in a longer recording, if at all"
+                )
+            } else {
+                format!("varies by {spread:.2} kPa, hardly more than its noise; record a wider range")
+            };
+            findings.push(everywhere(Severity::Doubtful, Trouble::NoExcitation, column, text));
         }
     }
-    if still == records.sensors().len() && still > 0 {
+    // A chamber that is left to itself under pressure and holds it is an answer.
+    if still == records.sensors().len() && still > 0 && !holds {
         findings.push(everywhere(
             Severity::Unusable,
             Trouble::NoExcitation,
@@ -129,6 +140,17 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mu
             ));
         }
     }
+}
+
+/// The median, of all recordings', that is furthest from the open air (kPa); 0 where nothing was read.
+fn furthest_level(records: &Records, channel: usize) -> f64 {
+    let level = |(record, r): (usize, &Record)| {
+        let values = records.channel_kpa(record, channel).iter().enumerate();
+        let read: Vec<f64> = values.filter(|(row, _)| r.is_read(channel, *row)).map(|(_, p)| *p).collect();
+        median(&read)
+    };
+    let levels = records.records().iter().enumerate().map(level);
+    levels.fold(0.0, |furthest, level| if level.abs() > furthest.abs() { level } else { furthest })
 }
 
 /// Tells of commands of pumps that stand still.

@@ -6,7 +6,7 @@ use std::cell::OnceCell;
 use model::rig::Rig;
 
 use crate::data::Records;
-use crate::simulate::{Arcs, Fidelity, Simulator};
+use crate::simulate::{Arc, Arcs, Fidelity, Simulator};
 
 /// Readings of the rig as given, from each recording's first readings on.
 pub(super) struct Expected<'a> {
@@ -28,4 +28,14 @@ impl<'a> Expected<'a> {
         };
         self.trace.get_or_init(run).as_ref()?.get(self.records.layout().channel(record, channel))
     }
+}
+
+/// Least and most of a vector's readings by channel over the rows of an arc.
+pub(super) fn extremes(records: &Records, arc: &Arc, vector: &[f64]) -> Vec<[f64; 2]> {
+    let of = |channel: usize| {
+        let part = records.layout().stretch(arc.record, channel, arc.rows.clone());
+        let finite = vector.get(part).unwrap_or_default().iter().copied().filter(|value| value.is_finite());
+        finite.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
+    };
+    (0..records.layout().channels()).map(of).collect()
 }

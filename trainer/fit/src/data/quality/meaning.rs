@@ -179,6 +179,14 @@ impl Meaning {
         places.map(|place| self.misfit_at(standing, place, atmosphere_kpa, margins)).fold(0.0, f64::max)
     }
 
+    /// Tells whether this meaning puts the channel no further from the simulation than the numbers as they were read do, or than
+    /// `near_kpa` (at scale 1), wherever it stood: what suits it at one place by chance is further off at another. Two lines cross
+    /// somewhere, so what is near all the same is not held against a meaning.
+    pub(super) fn is_nearer_everywhere(self, standing: &Standing<'_>, atmosphere_kpa: f64, near_kpa: f64) -> bool {
+        let off = |meaning: Meaning, place| meaning.misfit_at(standing, place, atmosphere_kpa, [0.0, near_kpa]);
+        standing.ends.iter().all(|place| off(self, *place) <= off(RIGHT, *place).max(1.0))
+    }
+
     fn misfit_at(
         self,
         standing: &Standing<'_>,
@@ -204,7 +212,7 @@ impl Meaning {
     }
 
     /// Words for the unit that numbers seem to be in where nobody says one.
-    fn words(self, sensor: Option<&Sensor>, simulated_kpa: f64, atmosphere_kpa: f64) -> String {
+    pub(super) fn words(self, sensor: Option<&Sensor>, simulated_kpa: f64, atmosphere_kpa: f64) -> String {
         match self {
             Meaning::AsRead => "the pressure seems to be in kPa".to_owned(),
             Meaning::Gauge(_, unit) => format!("the pressure seems to be in {unit}"),
@@ -301,4 +309,31 @@ fn figures(number: f64) -> String {
         _ => 4,
     };
     format!("{number:.digits$}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is read in absolute psi is the gauge pressure in kPa by chance at 17 kPa, where any rig's error decides which is nearer.
+    #[test]
+    fn a_unit_is_told_by_where_lines_are_apart_and_not_by_where_they_cross() {
+        let (atmosphere_kpa, near_kpa) = (101.325, 8.0);
+        let psi_abs = |kpa: f64| (kpa + atmosphere_kpa) * 0.145_038;
+        let standing = |ends: Vec<[f64; 2]>| Standing {
+            channel: 0,
+            recorded: ends[0][0],
+            simulated: ends[0][1],
+            sensor: None,
+            scale: 1.0,
+            file_unit: None,
+            ends,
+        };
+        let psi = Meaning::Absolute(0.145_038, "psi");
+        let crossing = standing(vec![[psi_abs(18.0), 17.2], [psi_abs(81.0), 80.0]]);
+        assert!(psi.is_nearer_everywhere(&crossing, atmosphere_kpa, near_kpa));
+        // A pressure that is right, and is what psi would make of it at one place.
+        let by_chance = standing(vec![[17.1, 17.2], [78.0, 80.0]]);
+        assert!(!psi.is_nearer_everywhere(&by_chance, atmosphere_kpa, near_kpa));
+    }
 }

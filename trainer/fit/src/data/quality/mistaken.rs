@@ -11,16 +11,16 @@ use super::excitation::deviation;
 use super::meaning::{AS_WRITTEN, Meaning, RIGHT};
 use super::mend::{exchanged_keys, pressure_key, shifted_key};
 use super::trials::{Outcome, Taken, tried};
-use super::{Finding, Severity, Trouble};
+use super::{Finding, Severity, Trouble, is_of_commands};
 use crate::data::Records;
 use crate::data::record::is_on;
 
 /// Share of what pressures move through by which a rig that follows a recording is off at least, to ask why …
-const LEAST_OFF: f64 = 0.05;
+pub(super) const LEAST_OFF: f64 = 0.05;
 /// … and at most, where the fault is mended.
 const FOLLOWS: f64 = 0.25;
 /// Share of what it is off as the recording stands that it is then off at most …
-const MUCH_BETTER: f64 = 1.0 / 3.0;
+pub(super) const MUCH_BETTER: f64 = 1.0 / 3.0;
 /// … and where only an atmosphere is taken away or added, which a rig that is off by a tenth of a high pressure comes near to as well.
 const SHIFTED_BETTER: f64 = 0.15;
 /// Share by which another explanation of several is off more that cannot be told from the best.
@@ -50,13 +50,36 @@ struct Command<'a> {
 /// Adds what free runs tell of commands and sensors.
 pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) {
     let commands = commands(rig, records);
+    let told = not_followed(rig, records).into_iter();
+    told.for_each(|record| findings.extend(found(rig, records, record, &commands)));
+}
+
+/// The first recordings that the rig does not follow as they stand.
+pub(super) fn not_followed(rig: &Rig, records: &Records) -> Vec<usize> {
     let all: Vec<usize> = (0..records.sensors().len()).collect();
     let is_off = |record: &usize| {
         let alone = tried(rig, records, *record, &[Taken::AsItStands]);
         alone.and_then(|outcomes| Some(outcomes.first()?.off(&all) > LEAST_OFF)).unwrap_or(false)
     };
-    let told = (0..records.records().len()).filter(is_off).take(MOST_RECORDINGS);
-    told.for_each(|record| findings.extend(found(rig, records, record, &commands)));
+    (0..records.records().len()).filter(is_off).take(MOST_RECORDINGS).collect()
+}
+
+/// Puts what free runs tell of commands in the place of findings of a kind that such commands look like, where they tell something.
+pub(super) fn instead(rig: &Rig, records: &Records, of: Trouble, findings: &mut Vec<Finding>) {
+    let mut closer = Vec::new();
+    check(rig, records, &mut closer);
+    closer.retain(|finding| is_of_commands(finding.trouble));
+    put_instead(closer, of, findings);
+}
+
+/// Puts closer findings in the place of those of a kind in the same files; what is told already is not told again.
+fn put_instead(closer: Vec<Finding>, of: Trouble, findings: &mut Vec<Finding>) {
+    findings.retain(|finding| finding.trouble != of || closer.iter().all(|one| one.source != finding.source));
+    for finding in closer {
+        if !findings.contains(&finding) {
+            findings.push(finding);
+        }
+    }
 }
 
 /// Finds what is wrong with one recording that the rig does not follow; nothing where nothing explains it.
@@ -277,5 +300,29 @@ impl Told<'_> {
             trouble: if kpa < 0.0 { Trouble::Absolute } else { Trouble::WrongUnit },
             text: format!("{words}: that is what the rig would do, and as it stands it is not: {key}"),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_told_already_is_not_told_again() {
+        let finding = |source: &str, trouble| Finding {
+            source: source.to_owned(),
+            column: "u".to_owned(),
+            severity: Severity::Unusable,
+            trouble,
+            text: String::new(),
+        };
+        let (a, b) = (finding("a.csv", Trouble::InvertedDuty), finding("b.csv", Trouble::WrongUnit));
+        let mut findings = vec![a.clone(), b.clone()];
+        put_instead(vec![a.clone()], Trouble::WrongUnit, &mut findings);
+        assert_eq!(findings, [a.clone(), b]);
+        // Another unit in the same file is what an inverted command looks like.
+        let mut findings = vec![finding("a.csv", Trouble::WrongUnit)];
+        put_instead(vec![a.clone()], Trouble::WrongUnit, &mut findings);
+        assert_eq!(findings, [a]);
     }
 }

@@ -21,6 +21,7 @@
 //! | `counts` | raw counts of a converter |
 //! | `counted_rows` | whole seconds that are a count of rows |
 //! | `meaning` | units and scales that pressures are found in |
+//! | `sign_trials` | signs of pressures that never stand, told by free runs |
 //! | `mend` | the key of `[recording]` that says so |
 //!
 //! A fit to bad recordings does not fail, it names the wrong parameter. So the checks come first, and each says what a
@@ -43,6 +44,7 @@ mod ranges;
 pub(super) mod readings;
 mod relay;
 mod shape;
+mod sign_trials;
 mod stood;
 mod trials;
 mod unmoved;
@@ -97,8 +99,12 @@ impl Quality {
         if findings.iter().all(|f| f.severity != Severity::Unusable || f.trouble == Trouble::Clipped) {
             stood::check(rig, records, noise, &expected, &mut findings);
         }
+        // A pump seems to stand as well where its command stands in another's place, or is turned round.
+        if findings.iter().any(|f| f.trouble == Trouble::PumpStood) {
+            mistaken::instead(rig, records, Trouble::PumpStood, &mut findings);
+        }
         // Where the pump stood, or ran unseen, nothing is in another unit.
-        if findings.iter().all(|f| !matches!(f.trouble, Trouble::PumpStood | Trouble::InvertedDuty)) {
+        if findings.iter().all(|f| !is_of_commands(f.trouble)) {
             let before = findings.len();
             frozen::check_by_model(records, &smooth, &expected, &mut usable, &mut findings);
             // What stands for most of a recording stands where some unit puts it by chance.
@@ -188,6 +194,11 @@ impl Quality {
     pub fn has(&self, trouble: Trouble) -> bool {
         self.findings.iter().any(|f| f.trouble == trouble)
     }
+}
+
+/// Tells whether this is about what was commanded, so that what the rig would do by the recorded commands tells nothing.
+fn is_of_commands(trouble: Trouble) -> bool {
+    matches!(trouble, Trouble::PumpStood | Trouble::InvertedDuty | Trouble::SwappedDuties)
 }
 
 /// The middle one of some numbers, the upper of two; 0 of nothing.
