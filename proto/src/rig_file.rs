@@ -100,6 +100,41 @@ pub fn save(path: &Path, rig: &Rig) -> Result<(), RigFileError> {
     Ok(atomic_file::write(path, text.as_bytes())?)
 }
 
+/// Gives a rig that came out of a fit its name, with one ending however often it was fitted, and a description with this sentence more.
+pub fn rename_fitted(rig: &mut Rig, ending: FitEnding, sentence: &str) {
+    let endings = [FitEnding::Extended, FitEnding::Fitted, FitEnding::Identified].map(FitEnding::text);
+    let bare = endings.iter().find_map(|ending| rig.name.strip_suffix(ending)).unwrap_or(&rig.name);
+    rig.name = format!("{bare}{}", ending.text());
+    let before = rig.description.trim_end();
+    let separator = match before.chars().last() {
+        None => "",
+        Some('.' | '!' | '?' | ':') => " ",
+        Some(_) => ". ",
+    };
+    rig.description = format!("{before}{separator}{sentence}");
+}
+
+/// Ending of the name of a rig that came out of a fit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FitEnding {
+    /// It has physics that the given one lacks.
+    Extended,
+    /// Its numbers are fitted; what is missing was searched for, too.
+    Fitted,
+    /// Its numbers are fitted, and nothing else was asked.
+    Identified,
+}
+
+impl FitEnding {
+    fn text(self) -> &'static str {
+        match self {
+            FitEnding::Extended => "_extended",
+            FitEnding::Fitted => "_fitted",
+            FitEnding::Identified => "_identified",
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -186,5 +221,20 @@ mod tests {
         let message = save(&path, &rig).unwrap_err().to_string();
         assert!(message.contains("volumes.positive.volume_l"), "{message}");
         assert_eq!(load(path.to_str().unwrap()).unwrap(), load("bench").unwrap(), "the old file is still whole");
+    }
+
+    #[test]
+    fn a_fitted_rig_has_one_ending_and_its_description_whole_sentences() {
+        let mut rig = Rig::builtin("dual_pressure").unwrap();
+        rig.description = "Two chambers ".to_owned();
+        rename_fitted(&mut rig, FitEnding::Fitted, "Parameters fitted from a.csv.");
+        assert_eq!(rig.name, "dual_pressure_fitted");
+        assert_eq!(rig.description, "Two chambers. Parameters fitted from a.csv.");
+        rename_fitted(&mut rig, FitEnding::Identified, "Again.");
+        assert_eq!(rig.name, "dual_pressure_identified");
+        assert_eq!(rig.description, "Two chambers. Parameters fitted from a.csv. Again.");
+        rig.description = String::new();
+        rename_fitted(&mut rig, FitEnding::Extended, "From b.csv.");
+        assert_eq!((rig.name.as_str(), rig.description.as_str()), ("dual_pressure_extended", "From b.csv."));
     }
 }

@@ -16,6 +16,7 @@ use fit::objective::Runaway;
 use fit::parameters::End;
 use proto::output::same_file;
 use proto::recording::{PERIOD_S, Recording, short_name};
+use proto::rig_file::{FitEnding, rename_fitted};
 use proto::{output, rig_file};
 use serde_json::{Map, Value, json};
 
@@ -39,7 +40,8 @@ const NO_FILE: &str = "standard output holds the table; name a file for the rig 
 with a parameter at an end of what it can be, or not written because it is worse
 than before; 2 wrong use or input.
 
-Example: trainer identify --rig dual_pressure run1.mcap run2.csv --out lab.toml")]
+Example:
+  trainer identify --rig dual_pressure run1.mcap run2.csv --out lab.toml")]
 pub(crate) struct IdentifyArgs {
     /// Rig to start from: a built-in name (dual_pressure, the paper's; bench, as built) or a TOML file. Its
     /// parameters are taken as known to a few per cent
@@ -90,8 +92,7 @@ pub(crate) fn run(args: &IdentifyArgs) -> Result<(), Failure> {
     let out = args.out.display().to_string();
     if !worse {
         let mut found = identified.fitted.rig.clone();
-        found.name = named(&found.name);
-        found.description = described(&rig.description, &recordings);
+        rename_fitted(&mut found, FitEnding::Identified, &identified_from(&recordings));
         work.write(|| rig_file::save(&args.out, &found))?;
     }
     if args.json {
@@ -147,19 +148,11 @@ impl Shown {
     }
 }
 
-/// The name of the rig that was fitted, with one ending however often.
-fn named(name: &str) -> String {
-    const ENDINGS: [&str; 3] = ["_extended", "_fitted", "_identified"];
-    let bare = ENDINGS.iter().find_map(|ending| name.strip_suffix(ending)).unwrap_or(name);
-    format!("{bare}_identified")
-}
-
-/// Description of the file in itself.
-fn described(before: &str, recordings: &[Recording]) -> String {
+/// Sentence of the file about itself.
+fn identified_from(recordings: &[Recording]) -> String {
     let names: Vec<String> =
         recordings.iter().map(|r| short_name(r.source(), recordings.iter().map(Recording::source))).collect();
-    let separator = if before.is_empty() { "" } else { " " };
-    format!("{}{separator}Parameters identified from {}.", before.trim_end(), names.join(", "))
+    format!("Parameters identified from {}.", names.join(", "))
 }
 
 fn seconds(identified: &Identified, roles: &[Role]) -> f64 {
@@ -282,13 +275,4 @@ fn errors(accuracy: &Accuracy, channels: &[String]) -> Value {
         "free": horizon(&accuracy.free), "ten_seconds": horizon(&accuracy.ten_seconds),
         "one_second": horizon(&accuracy.one_second),
     })
-}
-
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn a_fitted_rig_has_a_name_of_its_own() {
-        assert_eq!(super::named("bench"), "bench_identified");
-        assert_eq!(super::named("bench_extended"), "bench_identified");
-    }
 }

@@ -146,6 +146,10 @@ impl Decision<'_, '_> {
             self.notes.push(does_not_hold(&term.depends_on, [before, &with_it]));
             return Ok(None);
         }
+        if takes_next_to_nothing(fitted, &with_it, &self.bench.sigma_kpa()) {
+            self.notes.push(takes_too_little(&term.depends_on, [fitted, &with_it]));
+            return Ok(None);
+        }
         if let Some(channel) = term.reading {
             self.missing.settle_on_reading(channel);
         }
@@ -216,6 +220,27 @@ fn may_be_nothing(candidates: &[Candidate], untold: &[usize]) -> Option<String> 
     })
 }
 
+/// Share of the mean squared error beyond the noise, channels together, that a term without a name must take away on validation data:
+/// below that it is not what is missing, and a rig file is no better for it.
+const WORTH_A_TERM: f64 = 0.05;
+
+/// Tells whether what is missing is all there with a term as without.
+fn takes_next_to_nothing(fitted: &Figures, with_it: &Figures, sigma_kpa: &[f64]) -> bool {
+    let [before, after] =
+        [fitted, with_it].map(|figures| figures.beyond_noise_kpa(sigma_kpa).iter().map(|kpa| kpa * kpa).sum::<f64>());
+    after > (1.0 - WORTH_A_TERM) * before
+}
+
+/// Note on a term without a name that leaves what is missing.
+fn takes_too_little(depends_on: &str, [fitted, with_it]: [&Figures; 2]) -> String {
+    format!(
+        "{depends_on} was tried and is not what is missing: with it {:.2} kPa of {:.2} are left on validation data, so it is not in \
+         the rig file",
+        with_it.total_rmse_kpa(),
+        fitted.total_rmse_kpa()
+    )
+}
+
 /// Note on a term without a name that makes rows worse that nothing was fitted to.
 fn does_not_hold(depends_on: &str, [fitted, with_it]: [&Figures; 2]) -> String {
     format!(
@@ -223,4 +248,30 @@ fn does_not_hold(depends_on: &str, [fitted, with_it]: [&Figures; 2]) -> String {
         with_it.total_rmse_kpa(),
         fitted.total_rmse_kpa()
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fit::simulate::ChannelError;
+
+    fn off_by(rmse_kpa: [f64; 2]) -> Figures {
+        let error = |rmse_kpa| ChannelError { rmse_kpa, rows: 100, ..ChannelError::default() };
+        let free = rmse_kpa.map(error).to_vec();
+        Figures { free, ten_seconds: Vec::new(), one_second: Vec::new(), accuracy: Vec::new(), trace: Vec::new() }
+    }
+
+    /// Of squares beyond the noise a term must take a twentieth: 3 kPa beyond a noise of 4 are there where 5 are left.
+    #[test]
+    fn a_term_that_leaves_nearly_all_of_what_is_missing_is_not_what_is_missing() {
+        let sigma_kpa = [4.0, 0.0];
+        let fitted = off_by([5.0, 1.0]);
+        assert!(takes_next_to_nothing(&fitted, &fitted, &sigma_kpa));
+        // 9 and 1 before; 8.8 and 0.81 are more than 9.5 of these 10, and 8.5 and 0.81 are less.
+        assert!(takes_next_to_nothing(&fitted, &off_by([24.8_f64.sqrt(), 0.9]), &sigma_kpa));
+        assert!(!takes_next_to_nothing(&fitted, &off_by([24.5_f64.sqrt(), 0.9]), &sigma_kpa));
+        let told = takes_too_little("the spare valve", [&off_by([5.0, 5.0]), &off_by([4.9, 4.9])]);
+        assert!(told.starts_with("the spare valve was tried and is not what is missing"), "{told}");
+        assert!(told.contains("with it 4.90 kPa of 5.00 are left on validation data"), "{told}");
+    }
 }

@@ -9,9 +9,9 @@
 //! ```
 //!
 //! (a change of variance at two points: Inclán & Tiao, *J. Am. Stat. Assoc.* 89, 1994). The span that gains most is an
-//! event if it stands out (`LOUDER`), if no span of its length outside is nearly as bad (`UNIQUE`; what comes back with
-//! every breath is no event), and if the commands outside cover what they did inside and moved as far at once, so that the model
-//! was asked the same.
+//! event if it stands out (`LOUDER`), if no span of its length outside, in any recording, is nearly as bad (`UNIQUE`; what comes
+//! back with every breath is no event, nor are errors that add up wherever nothing empties a chamber), and if the commands outside
+//! cover what they did inside and moved as far at once, so that the model was asked the same.
 //!
 //! Where it happened is asked of the span alone: each number of the rig is changed by itself, from a hundredth to a hundred
 //! times, and what then remains of the error tells which change is likest.
@@ -38,6 +38,9 @@ const LARGEST: f64 = 0.5;
 const LOUDER: f64 = 8.0;
 /// And that of any span of the same length outside.
 const UNIQUE: f64 = 3.0;
+/// Share of the mean squared error inside that the middle block of another file comes to where that file is bad throughout: the rig is
+/// another one there, or it is asked what it is not here, and what happened in this file is told by the others.
+const THROUGHOUT: f64 = 0.5;
 /// Root mean square inside, in kPa, below which it is not worth a word.
 const LEAST_KPA: f64 = 0.2;
 /// Share of an input's range by which what it does inside may go beyond what it does outside.
@@ -74,6 +77,8 @@ pub struct Change {
     pub path: String,
     /// The component it belongs to.
     pub component: String,
+    /// Unit of the number; empty where it has none.
+    pub unit: &'static str,
     /// Value of the number outside the event.
     pub before: f64,
     /// Value of the number inside the event.
@@ -104,18 +109,23 @@ fn sources(records: &Records) -> Vec<&str> {
 /// The span in which a free run errs as nowhere else; `trace` is of the recordings' layout. In files that the rig explains
 /// (`explained`) nothing happened: what errs there is what was found elsewhere.
 pub fn find(bench: &Bench<'_>, trace: &[f64], explained: &[&str]) -> Option<Event> {
-    let asked = sources(bench.records).into_iter().filter(|source| !explained.contains(source));
-    let found = asked.filter_map(|source| find_in(bench, trace, source));
+    let all: Vec<(&str, Vec<f64>)> = sources(bench.records)
+        .into_iter()
+        .map(|source| (source, energy(bench, trace, &rows_of(bench.records, source))))
+        .collect();
+    let asked = all.iter().filter(|(source, _)| !explained.contains(source));
+    let found = asked.filter_map(|(source, own)| {
+        let others: Vec<&[f64]> = all.iter().filter(|(other, _)| other != source).map(|(_, e)| &e[..]).collect();
+        find_in(bench, trace, source, (own, &others))
+    });
     found.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, event)| event)
 }
 
-/// Finds the span in one file, with what it gains.
-fn find_in(bench: &Bench<'_>, trace: &[f64], source: &str) -> Option<(f64, Event)> {
+/// Mean squared errors of a file's blocks, summed over its channels.
+fn energy(bench: &Bench<'_>, trace: &[f64], rows: &[(usize, usize)]) -> Vec<f64> {
     let layout = bench.records.layout();
     let sigma = bench.sigma_kpa();
-    let rows = rows_of(bench.records, source);
-    let mut energy = Vec::new();
-    for block in rows.chunks_exact(BLOCK) {
+    let of = |block: &[(usize, usize)]| {
         let mut both = 0.0;
         for channel in 0..layout.channels() {
             let (mut sum, mut count) = (0.0, 0.0);
@@ -131,11 +141,23 @@ fn find_in(bench: &Bench<'_>, trace: &[f64], source: &str) -> Option<(f64, Event
             let noise = sigma.get(channel).map_or(0.0, |s| s * s).max(1e-8);
             both += f64::max(sum / f64::max(count, 1.0), noise);
         }
-        energy.push(both);
-    }
-    let (gain, span) = likeliest(&energy)?;
+        both
+    };
+    rows.chunks_exact(BLOCK).map(of).collect()
+}
+
+/// Finds the span in one file, with what it gains, by the errors of its blocks and those of the other files'.
+fn find_in(
+    bench: &Bench<'_>,
+    trace: &[f64],
+    source: &str,
+    (energy, others): (&[f64], &[&[f64]]),
+) -> Option<(f64, Event)> {
+    let layout = bench.records.layout();
+    let rows = rows_of(bench.records, source);
+    let (gain, span) = likeliest(energy, others)?;
     let within = span.start * BLOCK..span.end * BLOCK;
-    let [inside, outside] = means(&energy, &span).map(f64::sqrt);
+    let [inside, outside] = means(energy, &span).map(f64::sqrt);
     let time = |at: usize| {
         let (record, row) = rows.get(at)?;
         bench.records.records().get(*record)?.time_s.get(*row).copied()
@@ -163,15 +185,26 @@ fn find_in(bench: &Bench<'_>, trace: &[f64], source: &str) -> Option<(f64, Event
     Some((gain, event))
 }
 
-/// The span of blocks that stands out most, with its gain; `None` if none does.
-fn likeliest(energy: &[f64]) -> Option<(f64, Range<usize>)> {
+/// Sums of the first blocks: of none, of one, and so on to all.
+fn sums_of(energy: &[f64]) -> Vec<f64> {
+    let running = energy.iter().scan(0.0, |sum, e| {
+        *sum += e;
+        Some(*sum)
+    });
+    std::iter::once(0.0).chain(running).collect()
+}
+
+/// Tells whether most blocks of a file are loud beside a mean squared error.
+fn is_bad_throughout(energy: &[f64], mean: f64) -> bool {
+    let loud = energy.iter().filter(|e| **e >= THROUGHOUT * mean).count();
+    2 * loud > energy.len()
+}
+
+/// The span of blocks that stands out most, with its gain; `None` if none does, or the blocks of `others` are nearly as bad somewhere
+/// and not throughout.
+fn likeliest(energy: &[f64], others: &[&[f64]]) -> Option<(f64, Range<usize>)> {
     let n = energy.len();
-    let sums: Vec<f64> = std::iter::once(0.0)
-        .chain(energy.iter().scan(0.0, |sum, e| {
-            *sum += e;
-            Some(*sum)
-        }))
-        .collect();
+    let sums = sums_of(energy);
     let total = *sums.last()?;
     let mut best: Option<(f64, Range<usize>)> = None;
     for start in 0..n {
@@ -192,11 +225,14 @@ fn likeliest(energy: &[f64]) -> Option<(f64, Range<usize>)> {
     let length = span.len();
     let mean = (sums[span.end] - sums[span.start]) / length as f64;
     let apart = |start: &usize| start + length <= span.start || *start >= span.end;
-    let nearly = (0..=n - length)
-        .filter(apart)
-        .map(|start| (sums[start + length] - sums[start]) / length as f64)
-        .fold(0.0, f64::max);
-    (mean > UNIQUE * nearly).then_some((gain, span))
+    let nearly = (0..=n - length).filter(apart).map(|start| (sums[start + length] - sums[start]) / length as f64);
+    let elsewhere = others.iter().filter(|other| !is_bad_throughout(other, mean)).map(|other| {
+        let sums = sums_of(other);
+        let spans = sums.iter().zip(sums.iter().skip(length));
+        spans.map(|(before, after)| (after - before) / length as f64).fold(0.0, f64::max)
+    });
+    let worst = nearly.chain(elsewhere).fold(0.0, f64::max);
+    (mean > UNIQUE * worst).then_some((gain, span))
 }
 
 /// Mean inside and outside.
@@ -320,6 +356,7 @@ pub fn what_changed(bench: &Bench<'_>, rig: &Rig, event: &Event) -> Result<Optio
         let Some((left, factor)) = tried.iter().copied().min_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
         changes.push(Change {
             component,
+            unit: parameter.unit,
             before: parameter.value,
             during: factor * parameter.value,
             share: 1.0 - left / unchanged.max(1e-12),
@@ -351,12 +388,21 @@ mod tests {
     fn a_loud_stretch_is_an_event_and_a_peak_that_comes_back_is_none() {
         let quiet = |k: usize| 0.5 + 0.1 * (k % 7) as f64;
         let loud: Vec<f64> = (0..40).map(|k| if (12..21).contains(&k) { 20.0 * quiet(k) } else { quiet(k) }).collect();
-        let (gain, span) = likeliest(&loud).unwrap();
+        let (gain, span) = likeliest(&loud, &[]).unwrap();
         assert_eq!(span, 12..21);
         assert!(gain > 20.0);
         let peaks: Vec<f64> = (0..40).map(|k| if k % 10 < 3 { 30.0 } else { quiet(k) }).collect();
-        assert_eq!(likeliest(&peaks), None);
-        assert_eq!(likeliest(&(0..40).map(quiet).collect::<Vec<_>>()), None);
+        assert_eq!(likeliest(&peaks, &[]), None);
+        let calm: Vec<f64> = (0..40).map(quiet).collect();
+        assert_eq!(likeliest(&calm, &[]), None);
+        // Nothing happened if another recording is as bad somewhere; one that is as bad for a shorter time says nothing.
+        assert_eq!(likeliest(&loud, &[&calm, &loud]), None);
+        let short: Vec<f64> = (0..40).map(|k| if k < 2 { 20.0 * quiet(k) } else { quiet(k) }).collect();
+        assert_eq!(likeliest(&loud, &[&calm, &short]).unwrap().1, 12..21);
+        // Nor does one that is bad throughout, beside which nothing stands out; beside another that is as bad for a while it is none.
+        let throughout: Vec<f64> = (0..60).map(|k| 15.0 * quiet(k)).collect();
+        assert_eq!(likeliest(&loud, &[&calm, &throughout]).unwrap().1, 12..21);
+        assert_eq!(likeliest(&loud, &[&throughout, &loud]), None);
     }
 
     #[test]

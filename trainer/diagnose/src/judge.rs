@@ -16,6 +16,7 @@ pub(crate) mod rejected_names;
 pub mod step_uncertainty;
 pub mod undetectable;
 pub(crate) mod undetermined;
+pub(crate) mod weakening_supply;
 
 use fit::cores::side_by_side_telling;
 use fit::data::Role;

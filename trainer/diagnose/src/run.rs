@@ -16,6 +16,7 @@ use crate::experiment::plan;
 use crate::judge::curved_sensor;
 use crate::judge::extrapolated::extrapolated;
 use crate::judge::implausible_parameters::{self, doubtful, ends_with_its_range, own, sides_alone};
+use crate::judge::weakening_supply;
 use crate::pump::answer::{Answer, Asked};
 use crate::pump::turning::answered;
 use crate::recordings::checked::{Recorded, without};
@@ -111,6 +112,7 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
     let Decision { candidates, found, missing, judgement, mut event, mut notes, .. } = decision;
     let extrapolated = extrapolated(bench, &candidates, &found.best, &judgement.named);
     notes.extend(curved_sensor::in_words(bench, &candidates, &judgement.named));
+    notes.extend(weakening_supply::in_words(bench, &candidates, &judgement.named));
     if let Some(event) = &mut event {
         event.change = event::what_changed(&whole, &found.best.fitted.rig, event)?;
     }

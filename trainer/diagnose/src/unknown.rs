@@ -157,8 +157,7 @@ fn variables(rig: &Rig, volume: &str) -> Vec<Vec<Axis>> {
         knots: Vec::new(),
     };
     let mut own = vec![axis(Variable::Pressure, volume, None, false)];
-    let valve = rig.valves.keys().find(|v| volumes_at(rig, v).contains(&volume));
-    if let Some(valve) = valve {
+    for valve in rig.valves.keys().filter(|v| volumes_at(rig, v).contains(&volume)) {
         own.push(axis(Variable::Duty, valve, None, false));
         own.extend(MEMORIES_MS.map(|ms| axis(Variable::Duty, valve, Some(ms), true)));
     }

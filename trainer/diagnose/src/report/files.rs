@@ -5,6 +5,7 @@ use std::path::Path;
 use model::rig::Rig;
 use proto::diagnosis::{ChannelFit, Diagnosis, Fits, RigKind, Verdict, WrittenRig};
 use proto::output;
+use proto::rig_file::{FitEnding, rename_fitted};
 
 use crate::error::DiagnoseError;
 use crate::judge::MOVED;
@@ -167,21 +168,14 @@ fn hypotheses(findings: &Findings<'_, '_>) -> Vec<Vec<serde_json::Value>> {
     if undecided { rivals.iter().map(of).collect() } else { Vec::new() }
 }
 
-/// Endings of names of rigs that came out of a fit.
-const ENDINGS: [&str; 3] = ["_extended", "_fitted", "_identified"];
-
 /// The rig under a name of its own, which says how it differs from the one that was given, and from what it was made.
 pub(crate) fn under_its_own_name(mut rig: Rig, kind: RigKind, sources: &[String]) -> Rig {
-    let ending = match kind {
+    let (ending, what) = match kind {
         RigKind::AsGiven => return rig,
-        RigKind::Fitted => "_fitted",
-        RigKind::Extended => "_extended",
+        RigKind::Fitted => (FitEnding::Fitted, "Parameters fitted"),
+        RigKind::Extended => (FitEnding::Extended, "Extended by `trainer diagnose`"),
     };
-    let bare = ENDINGS.iter().find_map(|ending| rig.name.strip_suffix(ending)).unwrap_or(&rig.name);
-    rig.name = format!("{bare}{ending}");
-    let what = if kind == RigKind::Fitted { "Parameters fitted" } else { "Extended by `trainer diagnose`" };
-    let separator = if rig.description.is_empty() { "" } else { " " };
-    rig.description = format!("{}{separator}{what} from {}.", rig.description.trim_end(), sources.join(", "));
+    rename_fitted(&mut rig, ending, &format!("{what} from {}.", sources.join(", ")));
     rig
 }
 

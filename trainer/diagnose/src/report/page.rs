@@ -30,7 +30,7 @@ pub(crate) fn page(findings: &Findings<'_, '_>, diagnosis: &Diagnosis, places: &
     }
     let sources: Vec<String> =
         seconds.iter().map(|(source, s)| format!("{} ({s:.0} s)", findings.shown_as(source))).collect();
-    let mut report = Report::new(title(diagnosis))
+    let mut report = Report::new(title(diagnosis.verdict, diagnosis.next_experiment.as_deref()))
         .subtitle(&format!("rig {} · {}", bench.rig.name, sources.join(", ")))
         .text(&diagnosis.summary)
         .text(&format!("Next: {}", diagnosis.next_step.why))
@@ -96,12 +96,14 @@ pub(crate) fn page(findings: &Findings<'_, '_>, diagnosis: &Diagnosis, places: &
     report.heading("Parameters of the rig").table(parameters(findings)).verbatim("rig.toml", rig_toml).to_html()
 }
 
-fn title(diagnosis: &Diagnosis) -> &'static str {
-    match diagnosis.verdict {
+/// Title of the page; `experiment` is the file of the one that was planned.
+fn title(verdict: Verdict, experiment: Option<&str>) -> &'static str {
+    match verdict {
         Verdict::Adequate => "Nothing is missing",
         Verdict::ParametersMoved => "Only parameters moved",
         Verdict::MissingPhysics => "Missing physics found",
-        Verdict::Undecided => "Not decided yet: an experiment would tell",
+        Verdict::Undecided if experiment.is_some() => "Not decided yet: an experiment would tell",
+        Verdict::Undecided => "Not decided: these recordings do not tell",
         Verdict::UnknownMechanism => "Something unknown is missing",
     }
 }
@@ -161,4 +163,16 @@ fn rival_name(findings: &Findings<'_, '_>, index: usize) -> String {
         let terms = rival.terms.iter().filter_map(|t| findings.candidates.get(*t));
         terms.map(|candidate| short(findings, candidate)).collect::<Vec<_>>().join(" + ")
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of moved volumes and valves with one and the same factor no pressure tells, whatever is recorded.
+    #[test]
+    fn an_experiment_is_promised_only_where_one_was_planned() {
+        assert!(title(Verdict::Undecided, Some("next_experiment.csv")).contains("an experiment would tell"));
+        assert!(!title(Verdict::Undecided, None).contains("experiment"));
+    }
 }

@@ -15,7 +15,7 @@ use crate::locate::{Suspect, Suspicion};
 use crate::pump::ripple::{Heard, Number, Told};
 use crate::report::findings::{BetterFitted, Findings};
 use crate::report::unexplained;
-use crate::report::wording::{called, does, does_at, in_words, number_in_words, three};
+use crate::report::wording::{called, does, does_at, in_words, number_in_words, plain, three, with_unit};
 use crate::search::place::side_of;
 use crate::search::position_of;
 
@@ -55,12 +55,12 @@ fn happened(findings: &Findings<'_, '_>, event: &Event) -> String {
         Some(change) => {
             let key = change.path.rsplit('.').next().unwrap_or_default();
             format!(
-                "{span}, at `{}`: with a {} of {} instead of {} the squared error there falls by {}, with any other single \
+                "{span}, at `{}`: with its {} at {} instead of {} the squared error there falls by {}, with any other single \
                  change by {} at most ({off}).",
                 change.component,
-                key.replace('_', " "),
-                three(change.during),
-                three(change.before),
+                plain(key),
+                with_unit(change.during, change.unit),
+                with_unit(change.before, change.unit),
                 percent(change.share, 0),
                 percent(change.next_share, 0)
             )
@@ -211,10 +211,13 @@ fn moved(findings: &Findings<'_, '_>) -> String {
     let mut estimates: Vec<_> = findings.found.nominal.fitted.estimates.iter().collect();
     estimates.retain(|e| e.undetermined < 0.7);
     estimates.sort_by(|a, b| b.shift.abs().total_cmp(&a.shift.abs()));
+    // What stayed within what such parts scatter by has not moved, if anything else has.
     let told: Vec<String> = estimates
         .iter()
+        .enumerate()
+        .filter(|(place, e)| *place == 0 || e.shift.abs() >= 1.0)
         .take(3)
-        .map(|e| {
+        .map(|(_, e)| {
             // What was stated as nothing has no share of it.
             if e.parameter.mean == 0.0 {
                 return format!("{} {} {}", e.parameter.path, three(e.value), e.parameter.unit());

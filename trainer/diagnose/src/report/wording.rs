@@ -50,7 +50,7 @@ pub(crate) fn does_at(rig: &Rig, candidate: &Candidate) -> &'static str {
             "loses more pressure than in proportion to its flow: part of it grows with the square"
         }
         "chamber_leak" if has_a_valve() => "leaks to the outside even when its valve is shut",
-        "cross_leak" if has_both_sides() => "lets air pass back from the positive to the negative side",
+        "cross_leak" if has_both_sides() => "lets air through to the negative one",
         "supply_sag" if rig.valves.len() == 2 => "sags when both coils draw current, so that each valve opens less",
         "volume_change" if candidate.onset().is_some() => "takes on another volume while a recording runs",
         id => does(id),
@@ -90,11 +90,15 @@ pub(crate) fn short(findings: &Findings<'_, '_>, candidate: &Candidate) -> Strin
 
 /// A key of the rig file without its unit and underscores.
 pub(crate) fn plain(key: &str) -> String {
-    const UNITS: [&str; 18] = [
+    const UNITS: [&str; 22] = [
         "_kpa_per_min",
         "_mm2_per_n2",
         "_per_mm2",
+        "_mm2_per_n",
         "_kg_per_s_pa2",
+        "_kpa_s_per_l",
+        "_kpa_gauge",
+        "_l_per_min",
         "_w_per_k",
         "_ml_per_kpa",
         "_per_bar",
@@ -112,6 +116,11 @@ pub(crate) fn plain(key: &str) -> String {
     ];
     let bare = UNITS.iter().find_map(|unit| key.strip_suffix(unit)).unwrap_or(key);
     bare.replace('_', " ")
+}
+
+/// A number with its unit: `0.0971 L/min`, and `1.40` where there is none.
+pub(crate) fn with_unit(value: f64, unit: &str) -> String {
+    format!("{} {unit}", three(value)).trim_end().to_owned()
 }
 
 /// `chamber_leak:positive` becomes `the positive chamber leaks to the outside even when its valve is shut`.
@@ -163,7 +172,7 @@ mod tests {
     fn a_sentence_presumes_nothing_that_the_rig_lacks() {
         let rig = Rig::builtin("dual_pressure").unwrap();
         assert!(said(&rig, "chamber_leak:positive").ends_with("even when its valve is shut"));
-        assert!(said(&rig, "cross_leak:positive").ends_with("from the positive to the negative side"));
+        assert_eq!(said(&rig, "cross_leak:positive"), "lets air through to the negative one");
         let mut other = rig.clone();
         other.valves.shift_remove("valve_neg");
         assert_eq!(said(&other, "chamber_leak:negative"), "leaks to the outside");
@@ -171,6 +180,14 @@ mod tests {
         let duo = crate::made::two_chambers::rig();
         assert_eq!(said(&duo, "chamber_leak:b"), "leaks to the outside");
         assert!(!said(&duo, "cross_leak:a").contains("positive"));
+    }
+
+    #[test]
+    fn a_number_of_a_rig_is_told_with_its_unit_and_its_key_without() {
+        assert_eq!(plain("offset_l_per_min"), "offset");
+        assert_eq!(plain("resistance_kpa_s_per_l"), "resistance");
+        assert_eq!(plain("pressure_area_mm2_per_n"), "pressure area");
+        assert_eq!([with_unit(0.0971, "L/min"), with_unit(1.4, "")], ["0.0971 L/min", "1.40"]);
     }
 
     /// The end of a range says something of a number that is told there, and nothing of one that is not.

@@ -10,7 +10,7 @@ use crate::report::figures::held_out;
 use crate::report::findings::Findings;
 use crate::report::localization::{Place, channels_of, command_of};
 
-/// The 30 held-out seconds on which the re-identified rig is worst.
+/// The 30 s in whose held-out rows the re-identified rig is worst.
 fn window(findings: &Findings<'_, '_>) -> (usize, std::ops::Range<usize>) {
     const ROWS: usize = 1500;
     let layout = findings.bench.records.layout();
@@ -44,7 +44,7 @@ pub(super) fn traces(findings: &Findings<'_, '_>) -> Plot {
     let time_s: Vec<f64> = r.and_then(|r| r.time_s.get(rows.clone())).unwrap_or_default().to_vec();
     let name = r.map_or_else(String::new, |r| findings.shown_as(&r.source));
     let mut plot = Plot::new("Recorded, and simulated from the commands alone", "time (s)").caption(&format!(
-        "{name}: the stretch of validation data on which the fitted rig is worst. Below each pressure: simulated less recorded."
+        "{name}: the half minute in whose validation data the fitted rig is worst. Below each pressure: simulated less recorded."
     ));
     for (channel, column) in records.sensors().iter().enumerate() {
         let cut = |trace: &[f64]| -> Vec<f64> {
