@@ -217,7 +217,9 @@ mod tests {
         assert_eq!(sequence.rows()[1], Row { duty: [0.123_456_789_012_3, 1.0], pump_on: false });
         assert_eq!(sequence.pump_off().unwrap(), "lines 3-3 (0.02 s)");
         let switched = |times: usize| {
-            let row = |k: usize| format!("{:.2},0.8,0.75,{}\n", k as f64 * 0.02, u8::from(k.is_multiple_of(2) || k > 2 * times));
+            let row = |k: usize| {
+                format!("{:.2},0.8,0.75,{}\n", k as f64 * 0.02, u8::from(k.is_multiple_of(2) || k > 2 * times))
+            };
             parse(&("time_s,u_pos,u_neg,pump_on\n".to_owned() + &(0..50).map(row).collect::<String>())).unwrap()
         };
         assert!(switched(NAMED + 1).pump_off().unwrap().contains(" and 1 stretch more ("));
