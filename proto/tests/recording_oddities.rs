@@ -136,7 +136,7 @@ fn lines_with_zero_bytes_are_left_out_and_told() {
 #[test]
 fn zero_bytes_that_end_a_text_or_the_file_are_no_lost_lines() {
     let row = |k: u32| {
-        let zero = if k % 20 == 0 { "\0" } else { "" };
+        let zero = if k.is_multiple_of(20) { "\0" } else { "" };
         format!(
             "{},0.5,1,{}{zero},the run goes on as it should and says so in every line: OK\0\n",
             0.02 * f64::from(k),
