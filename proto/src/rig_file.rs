@@ -117,11 +117,11 @@ pub fn rename_fitted(rig: &mut Rig, ending: FitEnding, sentence: &str) {
 /// Ending of the name of a rig that came out of a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FitEnding {
-    /// It has physics that the given one lacks.
+    /// Rig with physics that the given one lacks.
     Extended,
-    /// Its numbers are fitted; what is missing was searched for, too.
+    /// Rig with fitted numbers; a search for missing physics added none.
     Fitted,
-    /// Its numbers are fitted, and nothing else was asked.
+    /// Rig with fitted numbers, where nothing else was asked.
     Identified,
 }
 

@@ -22,25 +22,33 @@ const EXPLORED: u64 = 500;
 /// Levels that are held, kPa gauge.
 const HELD_KPA: [[f64; 2]; 2] = [[100.0, -75.0], [80.0, -70.0]];
 
-/// What vented a rig that rests and is explored by turns, so many times, with the defaults of `[policy]`.
-fn vented(rig: &Rig, [positive_kpa, negative_kpa]: [f64; 2], times: u32) -> Vec<String> {
+/// Flight of the shipped policy at a level, with the nominal model.
+fn held(rig: &Rig, [positive_kpa, negative_kpa]: [f64; 2], seed: u64) -> Flight {
     let policy = Some(shipped_policy().unwrap().0);
     let reference = Reference::constant(positive_kpa, negative_kpa);
     let cycle = Cycle::new(&coarse("dual_pressure"), policy, reference, Safety::default(), Arming::Automatic).unwrap();
-    let mut flight = Flight::new(rig, cycle, u64::from(times));
+    Flight::new(rig, cycle, seed)
+}
+
+fn rules(seed: u32) -> ExplorationRules {
+    ExplorationRules { seed, std_share: 0.02, most_duty: 0.02 }
+}
+
+/// Causes of venting of a rig that rests and is explored by turns, so many times, with the defaults of `[policy]`.
+fn vented(rig: &Rig, held_kpa: [f64; 2], times: u32) -> Vec<String> {
+    let mut flight = held(rig, held_kpa, u64::from(times));
     let mut explored = 0;
     for seed in 1..=times {
         for tick in 0..REST + EXPLORED {
-            let rules = ExplorationRules { seed, std_share: 0.02, most_duty: 0.02 };
             match tick {
-                REST => flight.cycle.explore(Some(rules)),
+                REST => flight.cycle.explore(Some(rules(seed))),
                 0 => flight.cycle.explore(None),
                 _ => {}
             }
             let told = flight.step().told;
             explored += u32::from(told.iter().any(|notice| matches!(notice, Notice::Exploring { .. })));
             if let Some(notice) = told.into_iter().find(|notice| matches!(notice, Notice::Vented { .. })) {
-                return vec![format!("{}, {positive_kpa} kPa, seed {seed}, tick {tick}: {notice:?}", rig.name)];
+                return vec![format!("{}, {held_kpa:?} kPa, seed {seed}, tick {tick}: {notice:?}", rig.name)];
             }
         }
     }
@@ -66,14 +74,11 @@ fn limit_kpa(flight: &Flight) -> f64 {
 
 #[test]
 fn a_record_of_rest_holds_no_more_from_the_first_tick_of_exploring() {
-    let policy = Some(shipped_policy().unwrap().0);
-    let reference = Reference::constant(100.0, -75.0);
-    let cycle = Cycle::new(&coarse("dual_pressure"), policy, reference, Safety::default(), Arming::Automatic).unwrap();
-    let mut flight = Flight::new(&coarse("bench"), cycle, 1);
+    let mut flight = held(&coarse("bench"), HELD_KPA[0], 1);
     let goes_on = |flight: &mut Flight, ticks: u64| (0..ticks).for_each(|_| drop(flight.step()));
     goes_on(&mut flight, 3_000);
     let at_rest = limit_kpa(&flight);
-    flight.cycle.explore(Some(ExplorationRules { seed: 7, std_share: 0.02, most_duty: 0.02 }));
+    flight.cycle.explore(Some(rules(7)));
     goes_on(&mut flight, 3);
     let explored = limit_kpa(&flight);
     assert!(explored > 1.2 * at_rest, "{at_rest} kPa at rest, {explored} kPa explored");

@@ -315,7 +315,7 @@ fn figures(number: f64) -> String {
 mod tests {
     use super::*;
 
-    /// What is read in absolute psi is the gauge pressure in kPa by chance at 17 kPa, where any rig's error decides which is nearer.
+    /// Readings in absolute psi are the gauge pressure in kPa by chance at 17 kPa, where any rig's error decides which is nearer.
     #[test]
     fn a_unit_is_told_by_where_lines_are_apart_and_not_by_where_they_cross() {
         let (atmosphere_kpa, near_kpa) = (101.325, 8.0);

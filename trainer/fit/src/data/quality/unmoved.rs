@@ -111,13 +111,7 @@ fn driven_unseen(records: &Records, noise: &[Noise]) -> Option<Finding> {
     }
     for (record, r) in records.records().iter().enumerate() {
         for (channel, column) in records.sensors().iter().enumerate() {
-            let values = records.channel_kpa(record, channel);
-            let samples: Vec<f64> = (0..values.len())
-                .filter(|row| r.is_read(channel, *row))
-                .filter_map(|row| values.get(row))
-                .copied()
-                .collect();
-            let levels: Vec<f64> = samples.chunks(TOGETHER).map(middle).collect();
+            let levels = levels(records, (record, r), channel, 0..records.channel_kpa(record, channel).len());
             let sigma = noise.get(channel).map_or(0.0, |n| n.sigma_kpa);
             if !swings(&levels, span(&levels), NOISES * sigma) {
                 continue;
@@ -188,12 +182,7 @@ fn unexplained_stretches(records: &Records, noise: &[Noise], record: usize, segm
     if still.is_empty() {
         return Vec::new();
     }
-    let levels = |channel: usize, rows: Range<usize>| -> Vec<f64> {
-        let values = records.channel_kpa(record, channel);
-        let read = rows.filter(|row| r.is_read(channel, *row)).filter_map(|row| values.get(row));
-        let read: Vec<f64> = read.copied().collect();
-        read.chunks(TOGETHER).map(middle).collect()
-    };
+    let levels = |channel: usize, rows: Range<usize>| levels(records, (record, r), channel, rows);
     let channels = 0..records.sensors().len();
     let moves_kpa: Vec<f64> = channels.map(|channel| span(&levels(channel, segment.clone()))).collect();
     let unexplained = |still: &[usize]| {
@@ -207,6 +196,14 @@ fn unexplained_stretches(records: &Records, noise: &[Noise], record: usize, segm
         Some(Unexplained { channel, stands })
     };
     still.into_iter().filter_map(unexplained).collect()
+}
+
+/// Middles of the samples of a channel in these rows of a recording, taken together by [`TOGETHER`], in kPa.
+fn levels(records: &Records, (record, r): (usize, &Record), channel: usize, rows: Range<usize>) -> Vec<f64> {
+    let values = records.channel_kpa(record, channel);
+    let read: Vec<f64> =
+        rows.filter(|row| r.is_read(channel, *row)).filter_map(|row| values.get(row)).copied().collect();
+    read.chunks(TOGETHER).map(middle).collect()
 }
 
 /// Distance between the least and the most of some levels.
